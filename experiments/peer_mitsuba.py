@@ -1,0 +1,176 @@
+"""jaxvis beside Mitsuba 3: the same mesh, camera, light and material in both.
+
+First table: do the images agree? Mean ratio and RMSE over the pixels that are covered in both, beside
+the noise floor (what two renders with Mitsuba's and jaxvis's stated noise would differ by). Second
+table: PSNR and seconds of both at 1 to 256 samples a pixel, each against its own converged image.
+Writes the images and the difference as PNG to --out.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+import jaxvis
+from experiments.mitsuba_bridge import (
+    MITSUBA_BSDFS,
+    direct_integrator,
+    load_mitsuba,
+    mitsuba_scene,
+    rough_metal,
+    white_diffuse,
+)
+from jaxvis.image import psnr, tonemap, write_image
+from jaxvis.methods import MonteCarlo, Reference
+from jaxvis.scene import Scene, Surface
+
+Image = Float[np.ndarray, "height width 3"]
+
+
+def ours(
+    scene: Scene, environment: jaxvis.Environment, surface: Surface, spp: int, renders: int
+) -> tuple[Image, Image]:
+    """Mean of independent mc-mis renders and its standard error, per pixel."""
+    method = MonteCarlo("mis", spp)
+    visibility, light = method.precompute(scene), method.light(environment)
+    images = [
+        np.asarray(method.shade(visibility, light, surface, key=jax.random.key(i)))
+        for i in range(renders)
+    ]
+    return np.mean(images, axis=0), np.std(images, axis=0, ddof=1) / np.sqrt(renders)
+
+
+def theirs(mi: Any, scene: Any, spp: int, renders: int) -> tuple[Image, Image]:
+    """The same of Mitsuba's direct integrator."""
+    integrator = direct_integrator(mi)
+    images = [
+        np.array(mi.render(scene, integrator=integrator, spp=spp, seed=i)) for i in range(renders)
+    ]
+    return np.mean(images, axis=0), np.std(images, axis=0, ddof=1) / np.sqrt(renders)
+
+
+def structure(difference: Image, noise: Image, mask: np.ndarray, block: int = 8) -> float:
+    """Root mean square over blocks of pixels of (mean difference / its standard error).
+
+    1 is what independent noise gives; a visible structure in the difference gives more.
+    """
+    height, width = (n // block * block for n in mask.shape)
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        tiles = values[:height, :width].reshape(height // block, block, width // block, block)
+        return tiles.sum(axis=(1, 3))
+
+    value = blocks(np.where(mask, difference.mean(axis=-1), 0.0))
+    variance = blocks(np.where(mask, noise.mean(axis=-1) ** 2, 0.0))
+    full = blocks(mask.astype(float)) == block * block
+    return float(np.sqrt(np.mean(value[full] ** 2 / variance[full]))) if full.any() else np.nan
+
+
+def agreement(
+    mi: Any, scene: Scene, options: argparse.Namespace, material: str
+) -> dict[str, object]:
+    """One row of the first table; writes the pictures."""
+    environment, size = options.light, tuple(options.size)
+    camera = jaxvis.default_camera(scene)
+    surface = jaxvis.trace_surface(scene, camera, size, supersampling=4)
+    coarse = jaxvis.trace_surface(scene, camera, size)
+    peer = mitsuba_scene(mi, scene, camera, environment, size, MITSUBA_BSDFS[material])
+    spp, renders = options.spp, options.renders
+    a, a_error = ours(scene, environment, surface, max(2, spp // 16), renders)
+    b, b_error = theirs(mi, peer, spp, renders)
+    # Pixels that every ray of both covers: nothing but the surface in them.
+    inside = np.asarray(surface.coverage) == 1.0
+    inside &= ~np.asarray(coarse.backs)
+    difference = a - b
+    noise = np.hypot(a_error, b_error)
+    ratios = a[inside].mean(axis=0) / b[inside].mean(axis=0)
+    stem = f"{scene.name}-{material}".replace("/", "-")
+    exposed = np.asarray(b)[inside].max(axis=-1)
+    white = float(np.quantile(exposed, 0.99))
+    for name, image in {"jaxvis": a, "mitsuba": b, "difference-x10": 0.5 * white + 10 * difference}.items():
+        write_image(Path(options.out) / f"{stem}-{name}.png", tonemap(image, 1.0 / white))
+    return {
+        "scene": scene.name,
+        "material": material,
+        "pixels": int(inside.sum()),
+        "mean ratio": float(a[inside].mean() / b[inside].mean()),
+        "worst channel": float(ratios[np.argmax(np.abs(ratios - 1.0))]),
+        "RMSE/mean": float(np.sqrt(np.mean(difference[inside] ** 2)) / b[inside].mean()),
+        "noise floor": float(np.sqrt(np.mean(noise[inside] ** 2)) / b[inside].mean()),
+        "structure": structure(difference, noise, inside),
+    }
+
+
+def race(mi: Any, scene: Scene, options: argparse.Namespace, material: str) -> list[dict[str, object]]:
+    """PSNR and seconds of both at each number of samples, taking turns."""
+    environment, size = options.light, tuple(options.size)
+    camera = jaxvis.default_camera(scene)
+    surface = jaxvis.trace_surface(scene, camera, size)
+    peer = mitsuba_scene(mi, scene, camera, environment, size, MITSUBA_BSDFS[material])
+    integrator = direct_integrator(mi)
+    truth = Reference(error=0.002)
+    ours_truth, _ = truth.solve_cached(
+        truth.precompute(scene), truth.light(environment), surface
+    )
+    their_truth, _ = theirs(mi, peer, 1024, 4)
+    inside = np.asarray(surface.coverage) > 0.0
+    rows = []
+    for spp in (1, 4, 16, 64, 256):
+        method = MonteCarlo("mis", spp)
+        visibility, light = method.precompute(scene), method.light(environment)
+
+        def render_ours(method=method, visibility=visibility, light=light) -> np.ndarray:
+            return np.asarray(method.shade(visibility, light, surface, key=jax.random.key(99)))
+
+        def render_theirs(spp=spp) -> np.ndarray:
+            return np.array(mi.render(peer, integrator=integrator, spp=spp, seed=99))
+
+        row: dict[str, object] = {"scene": scene.name, "material": material, "spp": spp}
+        for who, render, reference in (
+            ("jaxvis", render_ours, np.asarray(ours_truth.image)),
+            ("mitsuba", render_theirs, their_truth),
+        ):
+            image = render()  # compiles
+            seconds = []
+            for _ in range(3):
+                start = time.perf_counter()
+                render()
+                seconds.append(time.perf_counter() - start)
+            row[f"{who} dB"] = psnr(image, reference, inside)
+            row[f"{who} s"] = float(np.median(seconds))
+        rows.append(row)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", nargs="+", default=["teapot"])
+    parser.add_argument("--environment", default="windows")
+    parser.add_argument("--size", nargs=2, type=int, default=[256, 256], metavar=("W", "H"))
+    parser.add_argument("--spp", type=int, default=1024, help="for the agreement, per render")
+    parser.add_argument("--renders", type=int, default=4)
+    parser.add_argument("--materials", nargs="+", default=list(MITSUBA_BSDFS))
+    parser.add_argument("--variant", help="of Mitsuba; llvm_ad_rgb if it works, else scalar_rgb")
+    parser.add_argument("--out", default="jaxvis-out/peer_mitsuba")
+    options = parser.parse_args()
+    mi = load_mitsuba(options.variant)
+    options.light = jaxvis.load_environment(options.environment)
+    agreements, races = [], []
+    for name in options.scene:
+        for material in options.materials:
+            plain = jaxvis.load_scene(name)
+            scene = white_diffuse(plain) if material == "diffuse" else rough_metal(plain)
+            agreements.append(agreement(mi, scene, options, material))
+            races += race(mi, scene, options, material)
+    print(f"Mitsuba {mi.__version__} ({mi.variant()}), {options.environment}, {options.size}")
+    for title, rows in {"Agreement": agreements, "PSNR and seconds": races}.items():
+        print(f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""jaxvis: lighting scenes with environment maps through precomputed or sampled visibility.
+
+Names load when they are first used, so that ``import jaxvis`` and ``jaxvis --help`` are quick.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxvis import datasets, image, lighting, methods, reflectance, sampling, scene, sphere
+    from jaxvis.compare import compare
+    from jaxvis.errors import InvalidEnvironment, InvalidScene, JaxvisWarning
+    from jaxvis.lighting import Environment, load_environment
+    from jaxvis.methods import Method, MonteCarlo, Reference
+    from jaxvis.reflectance import Material
+    from jaxvis.report import write_report
+    from jaxvis.scene import (
+        Camera,
+        Scene,
+        Surface,
+        build_scene,
+        default_camera,
+        load_scene,
+        trace_surface,
+    )
+
+__version__ = "0.1.0"
+
+_PACKAGES = (
+    "datasets",
+    "image",
+    "lighting",
+    "methods",
+    "reflectance",
+    "sampling",
+    "scene",
+    "sphere",
+)
+_HOMES = {
+    "compare": "compare",
+    "InvalidEnvironment": "errors",
+    "InvalidScene": "errors",
+    "JaxvisWarning": "errors",
+    "Environment": "lighting",
+    "load_environment": "lighting",
+    "Method": "methods",
+    "MonteCarlo": "methods",
+    "Reference": "methods",
+    "Material": "reflectance",
+    "write_report": "report",
+    "Camera": "scene",
+    "Scene": "scene",
+    "Surface": "scene",
+    "build_scene": "scene",
+    "default_camera": "scene",
+    "load_scene": "scene",
+    "trace_surface": "scene",
+}
+
+__all__ = [  # noqa: PLE0604, RUF022 - one list, kept beside the homes of the names
+    "Camera",
+    "Environment",
+    "InvalidEnvironment",
+    "InvalidScene",
+    "JaxvisWarning",
+    "Material",
+    "Method",
+    "MonteCarlo",
+    "Reference",
+    "Scene",
+    "Surface",
+    "build_scene",
+    "compare",
+    "datasets",
+    "default_camera",
+    "image",
+    "lighting",
+    "load_environment",
+    "load_scene",
+    "methods",
+    "reflectance",
+    "sampling",
+    "scene",
+    "sphere",
+    "trace_surface",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PACKAGES:
+        return importlib.import_module(f"jaxvis.{name}")
+    if name in _HOMES:
+        # Importing the module jaxvis.compare binds that module to the name of its function.
+        value = getattr(importlib.import_module(f"jaxvis.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'jaxvis' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

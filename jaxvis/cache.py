@@ -1,0 +1,126 @@
+"""Files that are whole or absent, and the folder of cached results (references, precomputation)."""
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxvis.errors import JaxvisWarning
+
+FORMAT = 1
+"""Version of what is cached. Raise it when the meaning of a cached array changes."""
+
+
+def cache_folder() -> Path:
+    """``JAXVIS_CACHE`` if set, otherwise ``jaxvis`` in the user's cache folder."""
+    if given := os.environ.get("JAXVIS_CACHE"):
+        return Path(given).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser() / "jaxvis"
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike) -> Iterator[Path]:
+    """Yields a temporary path beside ``path``, renamed to it only if the block succeeds.
+
+    The temporary name keeps the suffix, by which writers choose the format.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def save_arrays(path: str | os.PathLike, kind: str, arrays: dict[str, Any], **header: Any) -> None:
+    """Writes arrays and a JSON header of what they are, as one .npz file."""
+    text = json.dumps({"format": FORMAT, "kind": kind, **header})
+    with whole_file(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, header=np.array(text), **{k: np.asarray(v) for k, v in arrays.items()})
+
+
+def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Reads what :func:`save_arrays` wrote: (arrays, header).
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the file is damaged, of another version, or holds something else.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            header = json.loads(str(file["header"]))
+            arrays = {key: file[key] for key in file.files if key != "header"}
+        found = (header["format"], header["kind"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: damaged or not a jaxvis file; delete it and rebuild") from error
+    if found != (FORMAT, kind):
+        raise ValueError(
+            f"{path}: holds {found[1]!r} of format {found[0]}, not {kind!r} of format {FORMAT}; "
+            "delete it and rebuild"
+        )
+    return arrays, header
+
+
+def content_hash(*parts: Any) -> str:
+    """SHA-256 (hex) of arrays (values, shape, dtype), strings, numbers, None, tuples and dicts."""
+    digest = hashlib.sha256()
+    for part in parts:
+        _feed(digest, part)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, part: Any) -> None:
+    if isinstance(part, (list, tuple)):
+        digest.update(b"(")
+        for item in part:
+            _feed(digest, item)
+        digest.update(b")")
+    elif isinstance(part, dict):
+        _feed(digest, sorted(part.items()))
+    elif part is None or isinstance(part, (str, bytes, bool, int, float)):
+        digest.update(f"{type(part).__name__}:{part!r};".encode())
+    else:
+        array = np.ascontiguousarray(part)
+        digest.update(f"{array.dtype.str}{array.shape};".encode())
+        digest.update(array.tobytes())
+
+
+def cached_arrays(
+    kind: str, key: str, build: Callable[[], dict[str, Any]]
+) -> tuple[dict[str, np.ndarray], bool]:
+    """The arrays cached under ``key``, or those of ``build``, stored for the next time.
+
+    A damaged or outdated entry is rebuilt with a warning; a folder that cannot be written costs
+    only the caching. Returns (arrays, whether they came from the cache).
+    """
+    path = cache_folder() / kind / f"{key}.npz"
+    if path.exists():
+        try:
+            return load_arrays(path, kind)[0], True
+        except ValueError as error:
+            warnings.warn(f"{error} (rebuilt now)", JaxvisWarning, stacklevel=2)
+    arrays = {name: np.asarray(value) for name, value in build().items()}
+    try:
+        save_arrays(path, kind, arrays)
+    except OSError as error:
+        warnings.warn(f"{path}: not cached ({error.strerror})", JaxvisWarning, stacklevel=2)
+    return arrays, False

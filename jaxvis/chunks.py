@@ -1,0 +1,41 @@
+"""The one helper that bounds memory: a function of points, applied to fixed-size chunks of them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+
+def chunked_map(
+    function: Callable[[Any], Any], points: Any, chunk: int, *, remat: bool = True
+) -> Any:
+    """Applies ``function`` to ``chunk`` points at a time and joins the results.
+
+    Args:
+        function: maps a pytree whose leaves are ``[chunk, ...]`` to one whose leaves are
+            ``[chunk, ...]``; each point's result must not depend on the other points.
+        points: pytree whose leaves are ``[points, ...]``; the last chunk is padded by
+            repeating the last point and the padding's results are dropped.
+        chunk: points per call, at least 1: memory is that of one call.
+        remat: recompute inside each chunk when differentiating, so that gradients are bounded too.
+
+    Returns:
+        A pytree whose leaves are ``[points, ...]``.
+    """
+    if chunk < 1:
+        raise ValueError(f"chunk must be at least 1, got {chunk}")
+    count = jax.tree.leaves(points)[0].shape[0]
+    body = jax.checkpoint(function) if remat else function  # pyright: ignore
+    if count <= chunk:
+        return body(points)
+    blocks = -(-count // chunk)
+    padded = jax.tree.map(lambda leaf: _pad_to(leaf, blocks * chunk), points)
+    split = jax.tree.map(lambda leaf: leaf.reshape(blocks, chunk, *leaf.shape[1:]), padded)
+    mapped = jax.lax.map(body, split)
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:count], mapped)
+
+
+def _pad_to(leaf: jax.Array, count: int) -> jax.Array:
+    missing = count - leaf.shape[0]
+    return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)]) if missing else leaf

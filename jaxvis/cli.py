@@ -1,0 +1,310 @@
+"""The command line: ``jaxvis compare|render|precompute|info|methods`` (DESIGN §5).
+
+Exit codes: 0 done, 1 a method failed in a comparison, 2 bad input or usage, 130 interrupted.
+Nothing heavy is imported before it is needed, so that ``jaxvis --help`` answers at once.
+"""
+
+import argparse
+import contextlib
+import importlib.metadata
+import math
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from jaxvis.errors import JaxvisWarning
+
+if TYPE_CHECKING:
+    from jaxvis.compare import Setting
+    from jaxvis.scene import Camera, Scene
+
+SCENE, ENVIRONMENT, SIZE, OUT = "teapot", "windows", (256, 192), "jaxvis-out"
+REFERENCE = "reference:error=0.01"
+LIGHT_FILES = (".hdr", ".exr", ".pfm")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code."""
+    try:
+        options = _parser().parse_args(arguments)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        with _warnings_in_one_line():
+            return options.run(options)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:  # the reader of our output has gone, as in `jaxvis methods | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (ValueError, OSError) as error:
+        if options.debug:
+            raise
+        print(f"jaxvis: {_one_line(error)}", file=sys.stderr)
+        return 2
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from jaxvis.compare import choose_methods, compare, output_folder
+    from jaxvis.report import plain, write_report
+
+    with output_folder(options.out) as folder:
+        choose_methods(options.methods, options.spp)  # a wrong name shows before a scene is loaded
+        scene, camera = _scene_and_camera(options)
+        comparison = compare(
+            scene,
+            options.environment,
+            options.methods,
+            options.size,
+            spp=options.spp,
+            seed=options.seed,
+            camera=camera,
+            reflectance=options.reflectance,
+            supersampling=options.supersampling,
+            rotate=math.radians(options.rotate),
+            reference=options.reference,
+            exposure=options.exposure,
+            stop_on_error=options.debug,
+        )
+        comparison.save(folder)
+        page = write_report(comparison, folder)
+    print(f"{plain(comparison)}\n\n{Path(options.out) / page.name}")
+    return 1 if comparison.failed else 0
+
+
+def _render(options: argparse.Namespace) -> int:
+    from jaxvis.compare import file_stem, output_folder, render
+    from jaxvis.image import write_image
+    from jaxvis.methods import create
+
+    with output_folder(options.out) as folder:
+        method = create(options.method, spp=options.spp)
+        picture = render(method, _setting(options), seed=options.seed, exposure=options.exposure)
+        names = [f"{file_stem(options.method)}{suffix}" for suffix in (".exr", ".png")]
+        for name, pixels in zip(names, (picture.radiance, picture.shown), strict=True):
+            write_image(folder / name, pixels)
+    for name in names:
+        print(Path(options.out) / name)
+    return 0
+
+
+def _precompute(options: argparse.Namespace) -> int:
+    from jaxvis.compare import file_stem, output_folder, use_compilation_cache
+    from jaxvis.methods import create
+    from jaxvis.report import numbers
+
+    use_compilation_cache()
+    with output_folder(options.out) as folder:
+        method = create(options.method, spp=options.spp)
+        scene, _ = _scene_and_camera(options)
+        visibility = method.precompute(scene, progress=sys.stderr.isatty())
+        name = f"{file_stem(options.method)}.npz"
+        visibility.save(folder / name)
+    print(f"{Path(options.out) / name} ({numbers.memory(visibility.nbytes)} in memory)")
+    return 0
+
+
+def _info(options: argparse.Namespace) -> int:
+    from jaxvis import datasets
+    from jaxvis.lighting import environment_info
+    from jaxvis.scene import scene_info
+
+    source = options.file
+    if source not in datasets.names("probe") and not _names_a_light(source):
+        print(scene_info(source))
+        return 0
+    facts = environment_info(source)
+    problem = facts.pop("problem", None)
+    notes = facts.pop("warnings", [])
+    usable = "usable" if facts.pop("usable") else "not usable"
+    print(f"{facts.pop('name')}: {usable} as an environment")
+    for key, value in facts.items():
+        print(f"  {key.replace('_', ' ')}: {_fact(value)}")
+    for note in notes:
+        print(f"  note: {note}")
+    if problem is not None:
+        raise ValueError(problem)
+    return 0
+
+
+def _names_a_light(source: str) -> bool:
+    from jaxvis.lighting import BUILTIN
+
+    path = Path(source)
+    name = source.partition(":")[0]
+    return name in BUILTIN or path.suffix.lower() in LIGHT_FILES or path.is_dir()
+
+
+def _fact(value: Any) -> str:
+    """A value of an info dictionary as text: a list is a size."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return " x ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _methods(options: argparse.Namespace) -> int:
+    from jaxvis import methods
+
+    for entry in methods.table():
+        mark = " *" if entry.representative else ""
+        print(f"{entry.name}{mark}\n    {entry.summary}")
+        if entry.defaults():
+            print("    " + ", ".join(f"{k}={v}" for k, v in entry.defaults().items()))
+    print("\n* run by `jaxvis compare` unless --methods names others")
+    return 0
+
+
+def _scene_and_camera(options: argparse.Namespace) -> tuple["Scene", "Camera | None"]:
+    """The scene, and a camera if any option asks for another than the scene's."""
+    from jaxvis.compare import checked_size, read_camera
+    from jaxvis.scene import default_camera, load_scene
+
+    camera = None if options.camera is None else read_camera(options.camera)
+    scene = load_scene(options.scene, two_sided=options.two_sided)
+    changes: dict[str, Any] = {}
+    for name in ("eye", "target"):
+        if getattr(options, name) is not None:
+            changes[name] = tuple(getattr(options, name))
+    if options.fov is not None:
+        changes["field_of_view"] = math.radians(options.fov)
+    if changes:
+        width, height = checked_size(options.size)
+        base = camera or scene.camera or default_camera(scene, aspect=width / height)
+        camera = replace(base, **changes)
+    return scene, camera
+
+
+def _setting(options: argparse.Namespace) -> "Setting":
+    from jaxvis.compare import prepare
+
+    scene, camera = _scene_and_camera(options)
+    return prepare(
+        scene,
+        options.environment,
+        options.size,
+        camera=camera,
+        reflectance=options.reflectance,
+        supersampling=options.supersampling,
+        rotate=math.radians(options.rotate),
+    )
+
+
+class _Parser(argparse.ArgumentParser):
+    """An ArgumentParser that reports wrong usage in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"jaxvis: {message} (see `{self.prog} --help`)\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="jaxvis",
+        description="Environment lighting with precomputed and sampled visibility.",
+        allow_abbrev=False,
+    )
+    version = importlib.metadata.version("jaxvis")
+    parser.add_argument("--version", action="version", version=f"jaxvis {version}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    compare = _command(commands, "compare", _compare, "run methods side by side and write a report")
+    compare.add_argument(
+        "--methods",
+        metavar="A,B,...",
+        help="names as `jaxvis methods` lists them, with parameters as in mc-mis:spp=16, or all; "
+        "by default one of each family",
+    )
+    compare.add_argument(
+        "--reference",
+        metavar="METHOD",
+        default=REFERENCE,
+        help=f"what the others are measured against (default {REFERENCE})",
+    )
+    _common_options(compare)
+    render = _command(commands, "render", _render, "one method: DIR/METHOD.exr and .png")
+    render.add_argument("method", metavar="METHOD")
+    _common_options(render)
+    precompute = _command(
+        commands, "precompute", _precompute, "a method's visibility: DIR/METHOD.npz"
+    )
+    precompute.add_argument("method", metavar="METHOD")
+    _common_options(precompute)
+    info = _command(commands, "info", _info, "what a mesh or light-probe file holds")
+    info.add_argument("file", metavar="FILE")
+    _command(commands, "methods", _methods, "names, parameters with defaults, one line each")
+    return parser
+
+
+def _command(commands: Any, name: str, run: Any, summary: str) -> argparse.ArgumentParser:
+    command = commands.add_parser(name, help=summary, description=summary, allow_abbrev=False)
+    command.set_defaults(run=run)
+    command.add_argument(
+        "--debug", action="store_true", help="stop at the first error and show its traceback"
+    )
+    return command
+
+
+def _common_options(parser: argparse.ArgumentParser) -> None:
+    def add(name: str, summary: str, **settings: Any) -> None:
+        parser.add_argument(name, help=summary, **settings)
+
+    add("--scene", f"built-in name, data set or mesh file (default {SCENE})", default=SCENE)
+    add(
+        "--environment",
+        f"built-in name, data set or .hdr, .exr, .pfm file (default {ENVIRONMENT})",
+        default=ENVIRONMENT,
+    )
+    size = {"nargs": 2, "type": int, "metavar": ("W", "H"), "default": SIZE}
+    add("--size", f"pixels (default {SIZE[0]} {SIZE[1]})", **size)
+    add("--supersampling", "camera rays per pixel along each axis", type=int, default=1)
+    add("--spp", "samples per pixel of methods that sample", type=int)
+    add("--seed", "of everything random (default 0)", type=int, default=0)
+    add("--out", f"folder to write to (default {OUT})", default=OUT, metavar="DIR")
+    vector = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+    add("--camera", "JSON file with a camera, such as a results.json", metavar="FILE")
+    add("--eye", "where the camera is, world coordinates", **vector)
+    add("--target", "what it looks at", **vector)
+    add("--fov", "vertical field of view", type=float, metavar="DEGREES")
+    add("--reflectance", "lambert, phong, blinn-phong, ggx or beckmann; by default the scene's")
+    add("--rotate", "turns the environment about +Y", type=float, metavar="DEGREES", default=0.0)
+    add("--exposure", "of the .png images (default: automatic)", type=float)
+    add(
+        "--two-sided",
+        "make all materials two-sided, or none; by default as the file says",
+        action=argparse.BooleanOptionalAction,
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    """The message of an error in one line, with the file that an operating system's error names."""
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    else:
+        text = str(error) or type(error).__name__
+    return " ".join(text.split())
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Shows each JaxvisWarning once, as one line; other warnings as ever."""
+    shown: set[str] = set()
+    with warnings.catch_warnings():
+        ordinary = warnings.showwarning
+
+        def show(message: Any, category: Any, *rest: Any, **named: Any) -> None:
+            if not issubclass(category, JaxvisWarning):
+                ordinary(message, category, *rest, **named)
+            elif str(message) not in shown:
+                shown.add(str(message))
+                print(f"jaxvis: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", JaxvisWarning)
+        yield
+
+
+if __name__ == "__main__":
+    sys.exit(main())

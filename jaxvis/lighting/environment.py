@@ -1,0 +1,77 @@
+"""An environment map: radiance from infinity, as a function of direction."""
+
+import math
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxvis.lighting import resampling
+from jaxvis.lighting.blur import phong_blur
+from jaxvis.sphere import latlong
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Environment:
+    """Lat-long radiance map, linear Rec. 709, finite, non-negative, width = 2 height.
+
+    It is piecewise constant: each texel holds the average radiance over its solid angle, and every
+    method integrates that same function. Several may be stacked along a leading axis, for
+    ``jax.vmap``; the methods are those of one.
+    """
+
+    radiance: Float[Array, "*lights height width 3"]
+    name: str = field(default="environment", metadata={"static": True})
+
+    @property
+    def height(self) -> int:
+        return self.radiance.shape[-3]
+
+    @property
+    def width(self) -> int:
+        return self.radiance.shape[-2]
+
+    def towards(
+        self, directions: Float[Array | np.ndarray, "*points 3"]
+    ) -> Float[Array, "*points 3"]:
+        """Radiance that arrives from each direction (any length but zero)."""
+        return latlong.nearest(self.radiance, jnp.asarray(directions))
+
+    def scale(self, factor: float | Float[Array, "..."]) -> "Environment":
+        """The same light, ``factor`` times as bright (a number, or one per channel)."""
+        return Environment(self.radiance * jnp.asarray(factor, self.radiance.dtype), self.name)
+
+    def rotate(self, yaw: float | Float[Array, ""]) -> "Environment":
+        """The same light turned by ``yaw`` radians about +Y, counter-clockwise seen from above.
+
+        A quarter turn moves what was at +Z to +X, and what was at +X to -Z: with R the right-handed
+        rotation about +Y, ``rotated.towards(R d) == environment.towards(d)``. Whole texels are
+        exact; in between, a texel becomes the average of what came to lie over it, which keeps all
+        energy. Differentiable in ``yaw``.
+        """
+        return Environment(resampling.rotate(self.radiance, yaw), self.name)
+
+    def resize(self, height: int) -> "Environment":
+        """The same light at ``height`` x 2 ``height`` texels: averages, so that energy is kept."""
+        if height < 1:
+            raise ValueError(f"height must be at least 1, got {height}")
+        return Environment(resampling.resize(self.radiance, height, 2 * height), self.name)
+
+    def blur(self, exponent: float, height: int | None = None) -> "Environment":
+        """The light convolved with the normalised Phong lobe of this exponent.
+
+        See :func:`jaxvis.lighting.blur.phong_blur`. ``height`` is that of the result, by default
+        as here.
+        """
+        blurred = phong_blur(self.radiance, exponent, self.height if height is None else height)
+        return Environment(blurred, self.name)
+
+    def irradiance_map(self, height: int = 64) -> Float[Array, "height width 3"]:
+        """Irradiance (pi for radiance 1) of a free surface as a lat-long map over its normal.
+
+        It is smooth: look it up with :func:`jaxvis.sphere.latlong.bilinear`.
+        """
+        return math.pi * phong_blur(self.radiance, 1.0, height)

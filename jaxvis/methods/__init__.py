@@ -1,0 +1,48 @@
+"""The methods, by name (DESIGN §1)."""
+
+from jaxvis.methods.base import Method
+from jaxvis.methods.monte_carlo import MonteCarlo
+from jaxvis.methods.reference import Reference
+from jaxvis.methods.registry import (
+    Entry,
+    create,
+    names,
+    parse_list,
+    register,
+    representatives,
+    table,
+)
+
+register(
+    "reference",
+    Reference,
+    family="reference",
+    summary="ground truth: every environment texel, or a stratified subset with its stated error",
+)
+for _strategy, _summary in {
+    "uniform": "Monte Carlo, uniform hemisphere sampling",
+    "environment": "Monte Carlo, importance sampling of the environment",
+    "brdf": "Monte Carlo, importance sampling of the BRDF",
+    "mis": "Monte Carlo, environment and BRDF sampling with multiple importance sampling",
+}.items():
+    register(
+        f"mc-{_strategy}",
+        MonteCarlo,
+        family="monte-carlo",
+        summary=_summary,
+        representative=_strategy == "mis",
+        strategy=_strategy,
+    )
+
+__all__ = [
+    "Entry",
+    "Method",
+    "MonteCarlo",
+    "Reference",
+    "create",
+    "names",
+    "parse_list",
+    "register",
+    "representatives",
+    "table",
+]

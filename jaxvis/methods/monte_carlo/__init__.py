@@ -1,0 +1,5 @@
+"""Monte Carlo estimators of direct light (paper 000, section IV-D; spec 1.13)."""
+
+from jaxvis.methods.monte_carlo.method import MonteCarlo, MonteCarloLight
+
+__all__ = ["MonteCarlo", "MonteCarloLight"]

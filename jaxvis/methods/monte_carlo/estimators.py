@@ -1,0 +1,164 @@
+"""The estimators: rays whose weights add up to an unbiased estimate of (20), paper 000.
+
+All are one multi-sample estimator (Veach and Guibas 1995): n_t directions from each technique t, each
+weighted by f / sum_t n_t p_t, which is the balance heuristic. Drawing and weighing are jitted apart,
+in a few large kernels, so that what several outputs share is computed once. A point's rays depend on
+its pixel, its sample numbers and the key alone.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, UInt32
+
+from jaxvis.lighting import Environment
+from jaxvis.methods.traced import Components, Proposal, Propose, ShadingPoints, components, propose
+from jaxvis.reflectance import Reflectance
+from jaxvis.sampling import EnvironmentSampler
+from jaxvis.sampling.hemisphere import pdf_uniform, sample_uniform
+from jaxvis.sampling.random import counter_bits, uniform
+from jaxvis.sphere import latlong
+from jaxvis.sphere.frames import dot, to_world
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MonteCarloLight:
+    """An environment and the table by which its directions are drawn."""
+
+    environment: Environment
+    sampler: EnvironmentSampler
+
+
+class Counts(NamedTuple):
+    """How many directions a point draws from each technique."""
+
+    uniform: float = 0
+    environment: float = 0
+    brdf: float = 0
+
+
+class Drawn(NamedTuple):
+    """Directions with the environment texels (row * width + column) that they point to."""
+
+    directions: Components
+    texel: Int[Array, "points samples"]
+
+
+def proposals(
+    counts: Counts, light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
+) -> list[Propose]:
+    """One proposal for each technique that is drawn from."""
+    weigh = partial(weighed, light, counts=counts, reflectance=reflectance)
+
+    def from_uniform(points: ShadingPoints) -> Proposal:
+        numbers = random_numbers(words, points, first=0, samples=int(counts.uniform))
+        return weigh(points, located(draw_uniform(points, numbers), light))
+
+    def from_environment(points: ShadingPoints) -> Proposal:
+        numbers = random_numbers(words, points, first=0, samples=int(counts.environment))
+        return weigh(points, draw_environment(light, numbers))
+
+    def from_brdf(points: ShadingPoints) -> Proposal:
+        first = int(counts.environment)  # numbers that the environment's directions leave
+        numbers = random_numbers(words, points, first=first, samples=int(counts.brdf))
+        return weigh(points, located(draw_brdf(points, numbers, reflectance=reflectance), light))
+
+    techniques = (from_uniform, from_environment, from_brdf)
+    return [draw for count, draw in zip(counts, techniques, strict=True) if count]
+
+
+def tossed_proposal(
+    light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
+) -> Propose:
+    """A single direction, from the environment or the BRDF by the toss of a coin: the density of what
+    results is the mean of the two.
+    """
+
+    def toss(points: ShadingPoints) -> Proposal:
+        numbers = random_numbers(words, points, first=0, samples=1)
+        coin = random_numbers(words, points, first=1, samples=1)[0]
+        lit = draw_environment(light, numbers)
+        reflected = located(draw_brdf(points, numbers, reflectance=reflectance), light)
+        drawn = jax.tree.map(lambda a, b: jnp.where(coin < 0.5, a, b), lit, reflected)
+        half = Counts(environment=0.5, brdf=0.5)
+        return weighed(light, points, drawn, counts=half, reflectance=reflectance)
+
+    return toss
+
+
+@partial(jax.jit, static_argnames=("first", "samples"))
+def random_numbers(
+    words: UInt32[Array, "2"], points: ShadingPoints, *, first: int, samples: int
+) -> tuple[Float[Array, "points samples"], ...]:
+    """Four numbers in [0, 1) for each of a point's samples ``first``, ``first`` + 1, ..."""
+    sample = jnp.arange(first, first + samples)
+    return tuple(uniform(b) for b in counter_bits(words, points.pixel[:, None], sample[None, :]))
+
+
+@jax.jit
+def draw_uniform(
+    points: ShadingPoints, numbers: tuple[Float[Array, "points samples"], ...]
+) -> Components:
+    """Directions uniform over the hemisphere of the shading normal."""
+    local = sample_uniform(jnp.stack(numbers[:2], axis=-1))
+    return components(to_world(local, points.normal[:, None, :]))
+
+
+@jax.jit
+def draw_environment(
+    light: MonteCarloLight, numbers: tuple[Float[Array, "points samples"], ...]
+) -> Drawn:
+    """Directions in proportion to the environment's luminance."""
+    drawn = light.sampler.sample(jnp.stack(numbers, axis=-1))
+    return Drawn(components(drawn.directions), drawn.texel)
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def draw_brdf(
+    points: ShadingPoints,
+    numbers: tuple[Float[Array, "points samples"], ...],
+    *,
+    reflectance: Reflectance,
+) -> Components:
+    """Directions in proportion to the reflectance model's sampling density."""
+    numbers = jnp.stack(numbers[:3], axis=-1)
+    return components(reflectance.sample(*points.per_sample(), numbers))
+
+
+@jax.jit
+def located(directions: Components, light: MonteCarloLight) -> Drawn:
+    """Directions with their texels."""
+    height, width = light.sampler.density.shape
+    row, column = latlong.texel(jnp.stack(directions, axis=-1), height, width)
+    return Drawn(directions, row * width + column)
+
+
+@partial(jax.jit, static_argnames=("counts", "reflectance"))
+def weighed(
+    light: MonteCarloLight,
+    points: ShadingPoints,
+    drawn: Drawn,
+    *,
+    counts: Counts,
+    reflectance: Reflectance,
+) -> Proposal:
+    """BRDF x cosine x radiance / sum over the techniques of count x density."""
+    directions = jnp.stack(drawn.directions, axis=-1)
+    value, density = reflectance.evaluate_and_pdf(*points.per_sample(), directions)
+    total = counts.brdf * density
+    if counts.environment:
+        total = total + counts.environment * light.sampler.texel_pdf(drawn.texel)
+    if counts.uniform:
+        cosine = dot(points.normal[:, None, :], directions)
+        total = total + counts.uniform * pdf_uniform(cosine)
+    radiance = light.environment.radiance.reshape(-1)
+    texel = 3 * drawn.texel
+    over = jnp.where(total > 0.0, 1.0 / jnp.where(total > 0.0, total, 1.0), 0.0)
+    weights = [
+        value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)
+    ]
+    return propose(directions, jnp.stack(weights, axis=-1), points)

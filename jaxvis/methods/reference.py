@@ -1,0 +1,306 @@
+"""Ground truth by brute force: environment x ray-traced visibility x BRDF, without noise."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.stats import qmc
+from tqdm.auto import tqdm
+
+from jaxvis.cache import cached_arrays, content_hash
+from jaxvis.errors import JaxvisWarning
+from jaxvis.lighting import Environment
+from jaxvis.methods.base import Method
+from jaxvis.methods.traced import (
+    Proposal,
+    Propose,
+    RayVisibility,
+    ShadingPoints,
+    propose,
+    shading_points,
+    to_image,
+    trace_and_sum,
+)
+from jaxvis.reflectance import Reflectance
+from jaxvis.sampling import LatLongDistribution
+from jaxvis.scene import Scene, Surface
+from jaxvis.sphere import latlong
+
+DIRECTIONS_PER_STAGE = 256
+REPLICATES = 4
+"""Independent scramblings whose spread tells the error."""
+FIRST_LEVEL, LAST_LEVEL = 6, 14
+"""Powers of two: directions of each kind in a scrambling, at first and at most."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ReferenceLight:
+    """The environment that is integrated, and the table from which subsets are drawn."""
+
+    environment: Environment
+    distribution: LatLongDistribution
+
+
+class Solution(NamedTuple):
+    """A reference image, with how well it is known.
+
+    ``error`` is the image's standard error, root mean square over the covered pixels and relative
+    to their mean radiance; 0 when every texel was integrated. ``directions`` is how many directions
+    each pixel integrated.
+    """
+
+    image: Float[Array, "height width 3"]
+    error: float
+    directions: int
+
+
+@dataclass(frozen=True)
+class Reference(Method):
+    """Every texel of the environment, or as many directions as an error target needs.
+
+    With ``error=None`` each pixel sums radiance x BRDF x cosine x visibility over ``subdivision``^2
+    directions in every texel of the environment, with exact solid angles (``rows``, if given, first
+    resamples the environment to that many rows, which makes another, blurrier light).
+
+    With an ``error`` the directions are a stratified subset, the same for all pixels so that there is
+    no noise between them: scrambled Sobol points (Owen 1995), half of them through the environment's
+    cumulative distribution and half through the BRDF's, weighted by the balance heuristic. Four
+    independent scramblings tell the error, and the subset doubles until the image's relative
+    standard error (see :class:`Solution`) is at most ``error``.
+    """
+
+    error: float | None = None
+    rows: int | None = None
+    subdivision: int = 1
+
+    def __post_init__(self) -> None:
+        if self.error is not None and not self.error > 0.0:
+            raise ValueError(f"error must be positive, got {self.error}")
+        if self.rows is not None and self.rows < 1:
+            raise ValueError(f"rows must be at least 1, got {self.rows}")
+        if self.subdivision < 1:
+            raise ValueError(f"subdivision must be at least 1, got {self.subdivision}")
+
+    def precompute(self, scene: Scene, progress: bool = True) -> RayVisibility:
+        """Nothing but the Embree tree."""
+        return RayVisibility.of(scene)
+
+    def light(self, environment: Environment) -> ReferenceLight:
+        """The environment, resampled to ``rows`` if that is given."""
+        if self.rows is not None:
+            environment = environment.resize(self.rows)
+        luminance = np.asarray(environment.radiance, np.float64) @ [0.2126, 0.7152, 0.0722]
+        return ReferenceLight(environment, LatLongDistribution.build(luminance))
+
+    def shade(
+        self,
+        visibility: RayVisibility,
+        light: ReferenceLight,
+        surface: Surface,
+        *,
+        key: jax.Array | None = None,
+        progress: bool = False,
+    ) -> Float[Array, "height width 3"]:
+        """The image of :meth:`solve`."""
+        return self.solve(visibility, light, surface, progress=progress).image
+
+    def solve(
+        self,
+        visibility: RayVisibility,
+        light: ReferenceLight,
+        surface: Surface,
+        *,
+        progress: bool = False,
+    ) -> Solution:
+        """The image, its error and the number of directions."""
+        points = shading_points(surface)
+        trace = partial(_trace, visibility, points, progress)
+        if self.error is None:
+            radiance = _every_texel(light, surface.reflectance, self.subdivision, trace)
+            error, directions = 0.0, light.environment.radiance[..., 0].size * self.subdivision**2
+        else:
+            radiance, error, directions = _subset(light, surface.reflectance, self.error, trace)
+        return Solution(to_image(surface, points, radiance), error, directions)
+
+    def solve_cached(
+        self,
+        visibility: RayVisibility,
+        light: ReferenceLight,
+        surface: Surface,
+        *,
+        progress: bool = False,
+    ) -> tuple[Solution, bool]:
+        """:meth:`solve`, or what an earlier call with the same content stored on disk.
+
+        Returns (solution, whether it came from the disk).
+        """
+        key = content_hash(
+            jax.tree.leaves((visibility, light.environment, surface)),
+            repr((surface.reflectance, surface.supersampling, self)),
+        )
+
+        def build() -> dict[str, Any]:
+            return self.solve(visibility, light, surface, progress=progress)._asdict()
+
+        arrays, cached = cached_arrays("reference", key, build)
+        image = jnp.asarray(arrays["image"])
+        return Solution(image, float(arrays["error"]), int(arrays["directions"])), cached
+
+    def evaluations(
+        self, visibility: RayVisibility, light: ReferenceLight, surface: Surface
+    ) -> int:
+        """Directions times points; a subset counts as 0: only :meth:`solve` knows what it takes."""
+        texels = 0 if self.error is not None else light.environment.radiance[..., 0].size
+        return texels * self.subdivision**2 * int(jnp.sum(surface.mask))
+
+
+Trace = Callable[[list[Propose], int, str], np.ndarray]
+"""(proposals, samples of each, what to call it) -> sum of the unblocked weights [points, 3]."""
+
+
+def _trace(
+    visibility: RayVisibility,
+    points: ShadingPoints,
+    progress: bool,
+    proposals: list[Propose],
+    samples: int,
+    what: str,
+) -> np.ndarray:
+    count, tracer = len(points.pixel), visibility.tracer
+    with tqdm(total=count, desc=what, unit="px", leave=False, disable=not progress) as bar:
+        return trace_and_sum(tracer, points, proposals, samples, advance=bar.update)
+
+
+def _every_texel(
+    light: ReferenceLight, reflectance: Reflectance, subdivision: int, trace: Trace
+) -> np.ndarray:
+    """Radiance of each point: the sum over all texels."""
+    directions, radiance = texel_lights(light.environment, subdivision)
+    step = min(DIRECTIONS_PER_STAGE, len(directions))
+    proposals = [
+        partial(_towards, directions[i : i + step], radiance[i : i + step], reflectance=reflectance)
+        for i in range(0, len(directions), step)
+    ]
+    return trace(proposals, step, "reference")
+
+
+def texel_lights(
+    environment: Environment, subdivision: int
+) -> tuple[Float[np.ndarray, "lights 3"], Float[np.ndarray, "lights 3"]]:
+    """The environment as directional lights: unit directions and radiance times solid angle.
+
+    ``subdivision``^2 lights a texel, at the centres of equal steps of phi and theta, with exact solid
+    angles. Black texels are left out; the list is padded with black lights to whole stages.
+    """
+    height, width = (n * subdivision for n in environment.radiance.shape[:2])
+    radiance = np.asarray(environment.radiance, np.float64)
+    radiance = radiance.repeat(subdivision, axis=0).repeat(subdivision, axis=1)
+    flux = (radiance * latlong.row_solid_angles(height, width)[:, None, None]).reshape(-1, 3)
+    directions = latlong.texel_directions(height, width).reshape(-1, 3)
+    lit = np.flatnonzero(flux.max(axis=-1) > 0.0)
+    missing = -len(lit) % DIRECTIONS_PER_STAGE if len(lit) > DIRECTIONS_PER_STAGE else 0
+    missing += not len(lit)
+    flux = np.concatenate([flux[lit], np.zeros((missing, 3))])
+    directions = np.concatenate([directions[lit], np.tile([[0.0, 1.0, 0.0]], (missing, 1))])
+    return directions.astype(np.float32), flux.astype(np.float32)
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def _towards(
+    directions: Float[Array, "lights 3"],
+    flux: Float[Array, "lights 3"],
+    points: ShadingPoints,
+    *,
+    reflectance: Reflectance,
+) -> Proposal:
+    """The same directional lights for every point."""
+    shape = (len(points.normal), len(directions), 3)
+    value = reflectance.evaluate(*points.per_sample(), directions[None])
+    return propose(jnp.broadcast_to(directions, shape), value * flux, points)
+
+
+def _subset(
+    light: ReferenceLight, reflectance: Reflectance, target: float, trace: Trace
+) -> tuple[np.ndarray, float, int]:
+    """Radiance of each point, its relative standard error, and the directions per point."""
+    engines = [
+        (qmc.Sobol(2, rng=2 * r), qmc.Sobol(3, rng=2 * r + 1)) for r in range(REPLICATES)
+    ]
+    totals: list[np.ndarray] = []
+    count = 0
+    while True:
+        fresh = max(count, 1 << FIRST_LEVEL)  # doubling keeps the Sobol points a net
+        step = min(fresh, DIRECTIONS_PER_STAGE)
+        sums = []
+        for replicate, (of_light, of_brdf) in enumerate(engines):
+            uniforms = of_light.random(fresh), of_brdf.random(fresh)
+            proposals: list[Propose] = []
+            for i in range(0, fresh, step):
+                block = (jnp.asarray(u[i : i + step], jnp.float32) for u in uniforms)
+                on_light, on_brdf = block
+                proposals += [
+                    partial(_from_light, light, on_light, reflectance=reflectance),
+                    partial(_from_brdf, light, on_brdf, reflectance=reflectance),
+                ]
+            sums.append(
+                trace(proposals, step, f"reference {count + fresh} ({replicate + 1}/{REPLICATES})")
+            )
+        totals = [a + b for a, b in zip(totals, sums, strict=True)] if totals else sums
+        count += fresh
+        estimates = np.stack(totals) / count
+        radiance = estimates.mean(axis=0)
+        variance = estimates.var(axis=0, ddof=1).mean() / REPLICATES if radiance.size else 0.0
+        error = float(np.sqrt(variance) / max(radiance.mean(), 1e-30)) if radiance.size else 0.0
+        if error <= target:
+            break
+        if count >= 1 << LAST_LEVEL:
+            warnings.warn(
+                f"reference: relative error {error:.2g} after {count} directions, not {target:.2g}",
+                JaxvisWarning,
+                stacklevel=2,
+            )
+            break
+    return radiance.astype(np.float32), error, 2 * REPLICATES * count
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def _from_light(
+    light: ReferenceLight,
+    uniforms: Float[Array, "lights 2"],
+    points: ShadingPoints,
+    *,
+    reflectance: Reflectance,
+) -> Proposal:
+    """Directions through the environment's distribution, balanced against the BRDF's."""
+    directions = light.distribution.sample(uniforms)
+    radiance = light.environment.towards(directions)
+    density = light.distribution.pdf(directions)
+    value, other = reflectance.evaluate_and_pdf(*points.per_sample(), directions[None])
+    weights = value * radiance / jnp.maximum(density + other, 1e-30)[..., None]
+    return propose(jnp.broadcast_to(directions, weights.shape), weights, points)
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def _from_brdf(
+    light: ReferenceLight,
+    uniforms: Float[Array, "lights 3"],
+    points: ShadingPoints,
+    *,
+    reflectance: Reflectance,
+) -> Proposal:
+    """Directions through the BRDF's distribution, balanced against the environment's."""
+    seen = points.per_sample()
+    shape = (len(points.normal), len(uniforms), 3)
+    directions = reflectance.sample(*seen, jnp.broadcast_to(uniforms, shape))
+    radiance = light.environment.towards(directions)
+    value, density = reflectance.evaluate_and_pdf(*seen, directions)
+    other = light.distribution.pdf(directions)
+    weights = value * radiance / jnp.maximum(density + other, 1e-30)[..., None]
+    return propose(directions, weights, points)

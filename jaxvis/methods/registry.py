@@ -1,0 +1,142 @@
+"""The methods by name, with parameters in the name: ``mc-mis:spp=16,compensation=true``."""
+
+import dataclasses
+import difflib
+import types
+import typing
+from collections.abc import Sequence
+from typing import Any
+
+from jaxvis.methods.base import Method
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A registered name: ``cls(**presets, **parameters)``."""
+
+    name: str
+    family: str
+    cls: type[Method]
+    presets: dict[str, Any]
+    representative: bool
+    summary: str
+
+    def defaults(self) -> dict[str, Any]:
+        """Parameters that a user may set, with their defaults."""
+        return {
+            f.name: f.default
+            for f in dataclasses.fields(self.cls)
+            if f.init and f.name not in self.presets
+        }
+
+
+_ENTRIES: dict[str, Entry] = {}
+
+
+def register(
+    name: str,
+    cls: type[Method],
+    *,
+    family: str,
+    summary: str,
+    representative: bool = False,
+    **presets: Any,
+) -> None:
+    """Makes a method known by name. One method of each family is its ``representative``."""
+    if name in _ENTRIES:
+        raise ValueError(f"method {name!r} is registered already")
+    _ENTRIES[name] = Entry(name, family, cls, presets, representative, summary)
+
+
+def names() -> tuple[str, ...]:
+    """Every registered name."""
+    return tuple(_ENTRIES)
+
+
+def representatives() -> tuple[str, ...]:
+    """One name of each family: what ``compare`` runs when not told otherwise."""
+    return tuple(entry.name for entry in _ENTRIES.values() if entry.representative)
+
+
+def table() -> tuple[Entry, ...]:
+    """Every registration, for listings."""
+    return tuple(_ENTRIES.values())
+
+
+def create(spec: str | Method, **overrides: Any) -> Method:
+    """The method that ``name`` or ``name:parameter=value,...`` says.
+
+    ``overrides`` set those parameters that the method has and ``spec`` leaves open.
+
+    Raises:
+        ValueError: unknown name or parameter, or a value that does not fit; says what would.
+    """
+    if isinstance(spec, Method):
+        return spec
+    name, _, text = spec.partition(":")
+    if name not in _ENTRIES:
+        close = difflib.get_close_matches(name, _ENTRIES, n=1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise ValueError(f"unknown method {name!r}: {hint}known are {', '.join(_ENTRIES)}")
+    entry = _ENTRIES[name]
+    fields = entry.defaults()
+    given: dict[str, Any] = {}
+    for assignment in filter(None, text.split(",")):
+        parameter, equals, value = (part.strip() for part in assignment.partition("="))
+        if not equals:
+            raise ValueError(f"method {spec!r}: {assignment!r} is not parameter=value")
+        if parameter not in fields:
+            raise ValueError(
+                f"method {name!r} has no parameter {parameter!r}; "
+                f"it has {', '.join(fields) or 'none'}"
+            )
+        annotation = typing.get_type_hints(entry.cls)[parameter]
+        given[parameter] = _parse(value, annotation, f"method {name!r}: {parameter}")
+    for parameter, value in overrides.items():
+        if parameter in fields and value is not None:
+            given.setdefault(parameter, value)
+    return entry.cls(**entry.presets, **given)
+
+
+def parse_list(text: str | Sequence[str]) -> list[str]:
+    """Splits ``a,b:x=1,y=2,c`` into ``["a", "b:x=1,y=2", "c"]``; ``all`` means every method but the
+    reference, which ``compare`` runs anyway.
+    """
+    if not isinstance(text, str):
+        return list(text)
+    if text.strip() == "all":
+        return [name for name in _ENTRIES if name != "reference"]
+    specs: list[str] = []
+    for part in (part.strip() for part in text.split(",")):
+        if not part:
+            continue
+        if "=" in part and ":" not in part:
+            if not specs or ":" not in specs[-1]:
+                raise ValueError(f"methods {text!r}: {part!r} follows no method")
+            specs[-1] += f",{part}"
+        else:
+            specs.append(part)
+    if not specs:
+        raise ValueError("no methods given; `jaxvis methods` lists them")
+    return specs
+
+
+def _parse(value: str, annotation: Any, what: str) -> Any:
+    """A parameter's value from text, by its annotation."""
+    origin, options = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Literal:
+        if value not in options:
+            raise ValueError(f"{what} must be one of {', '.join(options)}, got {value!r}")
+        return value
+    if origin in (typing.Union, types.UnionType):
+        if value.lower() == "none" and type(None) in options:
+            return None
+        return _parse(value, next(o for o in options if o is not type(None)), what)
+    if annotation is bool:
+        if value.lower() not in ("true", "false"):
+            raise ValueError(f"{what} must be true or false, got {value!r}")
+        return value.lower() == "true"
+    try:
+        return annotation(value)
+    except ValueError:
+        raise ValueError(f"{what} must be {annotation.__name__}, got {value!r}") from None

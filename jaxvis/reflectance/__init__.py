@@ -1,0 +1,23 @@
+"""Reflectance models and the materials that feed them."""
+
+from jaxvis.reflectance.cook_torrance import CookTorrance
+from jaxvis.reflectance.lambert import Lambert
+from jaxvis.reflectance.material import Material, evaluate_materials
+from jaxvis.reflectance.model import Reflectance
+from jaxvis.reflectance.names import reflectance_by_name
+from jaxvis.reflectance.phong import BlinnPhong, Phong
+from jaxvis.reflectance.texture import Texture
+from jaxvis.reflectance.values import MaterialValues
+
+__all__ = [
+    "BlinnPhong",
+    "CookTorrance",
+    "Lambert",
+    "Material",
+    "MaterialValues",
+    "Phong",
+    "Reflectance",
+    "Texture",
+    "evaluate_materials",
+    "reflectance_by_name",
+]

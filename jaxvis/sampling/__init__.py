@@ -1,0 +1,22 @@
+"""Drawing samples: each ``sample`` has its ``pdf``, and an ``inverse`` where one exists."""
+
+from jaxvis.sampling import hemisphere, microfacet, mis, phong, random, sequences
+from jaxvis.sampling.alias import AliasTable
+from jaxvis.sampling.latlong_alias import EnvironmentSample, EnvironmentSampler
+from jaxvis.sampling.piecewise import LatLongDistribution
+from jaxvis.sampling.sequences import hammersley, radical_inverse
+
+__all__ = [
+    "AliasTable",
+    "EnvironmentSample",
+    "EnvironmentSampler",
+    "LatLongDistribution",
+    "hammersley",
+    "hemisphere",
+    "microfacet",
+    "mis",
+    "phong",
+    "radical_inverse",
+    "random",
+    "sequences",
+]

@@ -1,0 +1,92 @@
+"""A scene by name or file."""
+
+import ast
+import difflib
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from jaxvis import datasets
+from jaxvis.scene.builtin import builtin_scene, builtin_scenes
+from jaxvis.scene.files import load_mesh_file
+from jaxvis.scene.scene import Scene
+from jaxvis.scene.terrain import load_height_field
+
+
+def load_scene(source: str | os.PathLike, *, two_sided: bool | None = None) -> Scene:
+    """Loads a scene.
+
+    Args:
+        source: a built-in scene, with parameters or without (``courtyard:triangles=100000``); a
+            data set (:mod:`jaxvis.datasets`); or a file: any mesh that trimesh reads, or an .npz
+            height field with ``z`` and ``dx``.
+        two_sided: makes all materials two-sided, or none; as the file says if None.
+
+    Raises:
+        FileNotFoundError: ``source`` looks like a file and is not there.
+        ValueError: ``source`` is no known name; the message suggests one.
+        InvalidScene: the file is damaged or holds no usable mesh.
+    """
+    scene = _load(source)
+    if two_sided is None:
+        return scene
+    return scene.with_materials(tuple(replace(m, two_sided=two_sided) for m in scene.materials))
+
+
+def _load(source: str | os.PathLike) -> Scene:
+    if isinstance(source, str):
+        name, _, text = source.partition(":")
+        if name in builtin_scenes():
+            return _builtin(source, name, text)
+        if source in datasets.names("scene"):
+            return _load_file(datasets.find(source), source)
+        if name in datasets.names("scene"):
+            raise ValueError(f"scene {source!r}: the data set {name!r} has no parameters")
+    path = Path(source).expanduser()
+    if path.is_file():
+        return _load_file(path, path.stem)
+    if path.is_dir():
+        raise FileNotFoundError(f"{path} is a folder; give the mesh file in it")
+    raise _unknown(source, path)
+
+
+def _load_file(path: Path, name: str) -> Scene:
+    if path.suffix.lower() == ".npz":
+        return load_height_field(path, name)
+    return load_mesh_file(path, name)
+
+
+def _builtin(source: str, name: str, text: str) -> Scene:
+    parameters: dict[str, Any] = {}
+    for assignment in filter(None, text.split(",")):
+        parameter, equals, value = (part.strip() for part in assignment.partition("="))
+        if not equals or not parameter.isidentifier():
+            raise ValueError(f"scene {source!r}: {assignment!r} is not parameter=value")
+        parameters[parameter] = _value(value)
+    return builtin_scene(name, **parameters)
+
+
+def _value(text: str) -> Any:
+    """A number, true or false, or the text itself."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return text
+
+
+def _unknown(source: str | os.PathLike, path: Path) -> Exception:
+    if isinstance(source, os.PathLike) or path.suffix or len(path.parts) > 1:
+        folder = path.parent
+        if not folder.is_dir():
+            return FileNotFoundError(f"{path}: no such file, and no folder {folder}")
+        siblings = sorted(file.name for file in folder.iterdir() if file.is_file())
+        close = difflib.get_close_matches(path.name, siblings, n=3, cutoff=0.5)
+        hint = f"; did you mean {' or '.join(close)}?" if close else ""
+        return FileNotFoundError(f"{path}: no such file{hint}")
+    known = (*builtin_scenes(), *datasets.names("scene"))
+    close = difflib.get_close_matches(str(source).partition(":")[0], known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}? " if close else ""
+    return ValueError(f"unknown scene {str(source)!r}: {hint}known are {', '.join(known)}")

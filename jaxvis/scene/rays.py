@@ -1,0 +1,190 @@
+"""Ray tracing through Embree: closest hit and occlusion, in all threads.
+
+Embree traces each ray alone, so the answers do not depend on how rays are shared among threads.
+A tracer works in the scene's centred coordinates (float32).
+"""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Bool, Float, Float32, Int32, Integer
+
+BLOCK = 1 << 14
+"""Rays per call of Embree: small enough to share evenly, large enough to hide the call."""
+
+OFFSET_SCALE = 2.0**-17
+"""Distance by which a ray leaves its surface, in units of the position's largest coordinate.
+
+64 float32 roundings: a point from barycentrics and Embree's own plane test err by a few each.
+"""
+
+
+class Hits(NamedTuple):
+    """Closest hits. ``triangle`` is -1 and ``distance`` infinite where a ray misses."""
+
+    triangle: Int32[np.ndarray, "rays"]
+    barycentrics: Float32[np.ndarray, "rays 3"]
+    distance: Float32[np.ndarray, "rays"]
+
+
+def offset_origins(
+    positions: Float[np.ndarray, "*points 3"],
+    geometric_normals: Float[np.ndarray, "*points 3"],
+) -> Float32[np.ndarray, "*points 3"]:
+    """Positions moved off their surface, to the side of the normal, by a rounding-safe distance."""
+    scale = OFFSET_SCALE * np.max(np.abs(positions), axis=-1, keepdims=True, initial=0.0)
+    moved = positions + np.maximum(scale, np.float32(1e-30)) * geometric_normals
+    return np.ascontiguousarray(moved, np.float32)
+
+
+class RayTracer:
+    """A triangle mesh in an Embree acceleration structure.
+
+    Args:
+        positions: vertices, centred coordinates.
+        triangles: vertex indices.
+        threads: how many threads trace; all cores if None. Results do not depend on it.
+
+    ``rays_traced`` and ``embree_seconds`` count the rays so far and the time in Embree's own calls
+    (the mean over the threads).
+    """
+
+    def __init__(
+        self,
+        positions: Float[np.ndarray, "vertices 3"],
+        triangles: Integer[np.ndarray, "triangles 3"],
+        threads: int | None = None,
+    ) -> None:
+        self.threads = _core_count() if threads is None else threads
+        if self.threads < 1:
+            raise ValueError(f"threads must be at least 1, got {threads}")
+        self.rays_traced = 0
+        self.embree_seconds = 0.0
+        self._scene = EmbreeScene(robust=True)
+        TriangleMesh(
+            self._scene,
+            np.ascontiguousarray(positions, np.float32),
+            np.ascontiguousarray(triangles, np.int32),
+        )
+        # Embree builds its hierarchy in the first query, which must not run in two threads.
+        self._scene.run(np.zeros((1, 3), np.float32), np.eye(3, dtype=np.float32)[:1])
+
+    def occluded(
+        self,
+        origins: Float[np.ndarray, "rays 3"],
+        directions: Float[np.ndarray, "rays 3"],
+        max_distance: Float[np.ndarray, "rays"] | None = None,
+    ) -> Bool[np.ndarray, "rays"]:
+        """Whether anything lies on each ray (within ``max_distance`` times its direction)."""
+        origins, directions = _contiguous(origins), _contiguous(directions)
+        result = np.empty(len(origins), bool)
+        # Embree overwrites the distances that it is given.
+        limits = None if max_distance is None else np.array(max_distance, np.float32)
+
+        def trace(rays: slice) -> float:
+            options = {} if limits is None else {"dists": limits[rays]}
+            answer, seconds = self._run(
+                origins[rays], directions[rays], query="OCCLUDED", **options
+            )
+            np.equal(answer, 0, out=result[rays])
+            return seconds
+
+        self._in_threads(trace, len(origins))
+        self.rays_traced += len(origins)
+        return result
+
+    def visible(
+        self,
+        origins: Float32[np.ndarray, "points 3"],
+        directions: Sequence[Float32[np.ndarray, "points samples"]],
+        active: Bool[np.ndarray, "points samples"],
+    ) -> Bool[np.ndarray, "points samples"]:
+        """Which of the active rays leave the scene. Only active rays are traced; others are false.
+
+        ``directions`` are three arrays, one a component, as array code makes them fastest. The rays
+        are compacted in the tracing threads, block by block, while the block is in cache.
+        """
+        points, samples = active.shape
+        components, active = [axis.reshape(-1) for axis in directions], active.reshape(-1)
+        result = np.zeros(points * samples, bool)
+        traced = np.zeros(-(-points * samples // BLOCK), np.int64)
+
+        def trace(rays: slice) -> float:
+            chosen = np.flatnonzero(active[rays])
+            if not len(chosen):
+                return 0.0
+            chosen += rays.start
+            compact = np.empty((len(chosen), 3), np.float32)
+            for axis, component in enumerate(components):
+                compact[:, axis] = component.take(chosen)
+            starts = origins.take(chosen // samples, axis=0)
+            answer, seconds = self._run(starts, compact, query="OCCLUDED")
+            result[chosen] = answer != 0
+            traced[rays.start // BLOCK] = len(chosen)
+            return seconds
+
+        self._in_threads(trace, points * samples)
+        self.rays_traced += int(traced.sum())
+        return result.reshape(points, samples)
+
+    def closest_hit(
+        self,
+        origins: Float[np.ndarray, "rays 3"],
+        directions: Float[np.ndarray, "rays 3"],
+    ) -> Hits:
+        """Triangle, barycentrics (of its three vertices) and distance of the first hit."""
+        origins, directions = _contiguous(origins), _contiguous(directions)
+        count = len(origins)
+        hits = Hits(
+            np.empty(count, np.int32), np.empty((count, 3), np.float32), np.empty(count, np.float32)
+        )
+
+        def trace(rays: slice) -> float:
+            answer, seconds = self._run(origins[rays], directions[rays], output=1)
+            triangle = answer["primID"]
+            missed = triangle < 0
+            hits.triangle[rays] = triangle
+            u, v = answer["u"], answer["v"]
+            hits.barycentrics[rays, 0] = np.where(missed, 0.0, 1.0 - u - v)
+            hits.barycentrics[rays, 1] = np.where(missed, 0.0, u)
+            hits.barycentrics[rays, 2] = np.where(missed, 0.0, v)
+            hits.distance[rays] = np.where(missed, np.inf, answer["tfar"])
+            return seconds
+
+        self._in_threads(trace, count)
+        self.rays_traced += count
+        return hits
+
+    def _run(self, origins: np.ndarray, directions: np.ndarray, **query: Any) -> tuple[Any, float]:
+        """Embree's answer and the seconds it took."""
+        started = time.perf_counter()
+        answer = self._scene.run(origins, directions, **query)
+        return answer, time.perf_counter() - started
+
+    def _in_threads(self, trace: Callable[[slice], float], count: int) -> None:
+        """Calls ``trace`` for each block of rays; it returns the seconds spent in Embree."""
+        blocks = [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
+        if self.threads == 1 or len(blocks) < 2:
+            self.embree_seconds += sum(map(trace, blocks))
+        else:
+            self.embree_seconds += sum(_pool(self.threads).map(trace, blocks)) / self.threads
+
+
+def _contiguous(array: Float[np.ndarray, "rays 3"]) -> Float32[np.ndarray, "rays 3"]:
+    return np.ascontiguousarray(array, np.float32)
+
+
+def _core_count() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="jaxvis-rays")

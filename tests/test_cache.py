@@ -1,0 +1,91 @@
+"""Files are whole or absent; damaged cache entries are rebuilt, with a warning."""
+
+import os
+
+import numpy as np
+import pytest
+
+from jaxvis import cache
+from jaxvis.errors import JaxvisWarning
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXVIS_CACHE", str(tmp_path / "cache"))
+
+
+def build(counter, value=1.0):
+    def call():
+        counter.append(1)
+        return {"image": np.full((2, 3), value), "error": 0.5}
+
+    return call
+
+
+def test_an_entry_is_built_once():
+    counter = []
+    first, cached_first = cache.cached_arrays("reference", "key", build(counter))
+    second, cached_second = cache.cached_arrays("reference", "key", build(counter))
+    assert (len(counter), cached_first, cached_second) == (1, False, True)
+    np.testing.assert_array_equal(first["image"], second["image"])
+    assert float(second["error"]) == 0.5
+
+
+@pytest.mark.parametrize("damage", ["truncated", "garbage", "empty", "version", "kind"])
+def test_a_bad_entry_is_rebuilt_with_a_warning(damage, monkeypatch):
+    counter = []
+    cache.cached_arrays("reference", "key", build(counter))
+    path = cache.cache_folder() / "reference" / "key.npz"
+    if damage == "version":
+        monkeypatch.setattr(cache, "FORMAT", cache.FORMAT + 1)
+    elif damage == "kind":
+        cache.save_arrays(path, "another", {"x": 1})
+    else:
+        content = path.read_bytes()
+        path.write_bytes(
+            {"truncated": content[:-40], "garbage": b"not a file", "empty": b""}[damage]
+        )
+    with pytest.warns(JaxvisWarning, match=r"key\.npz.*rebuilt"):
+        arrays, cached = cache.cached_arrays("reference", "key", build(counter, 2.0))
+    assert not cached
+    np.testing.assert_array_equal(arrays["image"], np.full((2, 3), 2.0))
+    assert cache.cached_arrays("reference", "key", build(counter))[1]
+
+
+def test_nothing_half_written_is_left(tmp_path):
+    target = tmp_path / "file.npz"
+    target.write_text("before")
+    with pytest.raises(RuntimeError), cache.whole_file(target) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert target.read_text() == "before"
+    assert os.listdir(tmp_path) == ["file.npz"]
+
+
+def test_loading_says_what_is_wrong(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        cache.load_arrays(tmp_path / "absent.npz", "kind")
+    np.savez(tmp_path / "foreign.npz", x=1)
+    with pytest.raises(ValueError, match=r"foreign\.npz: damaged or not a jaxvis file"):
+        cache.load_arrays(tmp_path / "foreign.npz", "kind")
+
+
+def test_the_hash_tells_content_shape_and_type_apart():
+    x = np.arange(6.0)
+    different = [
+        (x,),
+        (x.reshape(2, 3),),
+        (x.astype(np.float32),),
+        (x + 1e-12,),
+        ("x",),
+        (("a", "b"),),
+        ("ab",),
+        (1,),
+        (1.0,),
+        (True,),
+        (None,),
+        ({"a": 1},),
+    ]
+    assert len({cache.content_hash(*parts) for parts in different}) == len(different)
+    assert cache.content_hash(x) == cache.content_hash(x.copy())
+    assert cache.content_hash({"a": 1, "b": 2}) == cache.content_hash({"b": 2, "a": 1})
