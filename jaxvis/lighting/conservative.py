@@ -8,9 +8,10 @@ the same points, so nothing is lost or counted twice, at whatever resolution. Ho
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxvis.lighting.projections import Projection
 
@@ -64,87 +65,103 @@ def _polygons(
             yield (face * size + rows[0]) * size + np.arange(len(corners)), corners
 
 
+class _Edges(NamedTuple):
+    """Sides of polygons in the plane of u and cos(theta), polygon by polygon, ``[edges]``."""
+
+    polygon: Int[np.ndarray, "edges"]
+    start: Float[np.ndarray, "edges"]
+    end: Float[np.ndarray, "edges"]
+    cosine_at_start: Float[np.ndarray, "edges"]
+    cosine_at_end: Float[np.ndarray, "edges"]
+    normal: Float[np.ndarray, "edges 3"]
+    level: Bool[np.ndarray, "edges"]  # along a pole, not on a great circle
+
+
+class _Chords(NamedTuple):
+    """Pieces of edges within one fine column, straight from left to right, ``[chords]``."""
+
+    polygon: Int[np.ndarray, "chords"]
+    column: Int[np.ndarray, "chords"]
+    width: Float[np.ndarray, "chords"]  # negative where the walk goes to the left
+    at_left: Float[np.ndarray, "chords"]
+    at_right: Float[np.ndarray, "chords"]
+
+
 def _overlaps(
     corners: Float[np.ndarray, "texels vertices 3"], height: int
 ) -> tuple[Int[np.ndarray, "overlaps"], Int[np.ndarray, "overlaps"], Float[np.ndarray, "overlaps"]]:
     """(lat-long texel, polygon, signed solid angle): to be added up."""
-    u, along, cosines, normal, flat = _edges(corners)
-    sides = u.shape[1]
-    fine = 2 * height * -(-_FINE_WIDTH // (2 * height))
+    width = 2 * height
+    per_column = -(-_FINE_WIDTH // width)
+    chords = _chords(_edges(corners), width * per_column)
 
-    # Cut the edges at the columns.
-    start, end = u.ravel(), (u + along).ravel()
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    first = np.floor(low * fine).astype(np.int64)
-    count = np.where(high > low, np.ceil(high * fine).astype(np.int64) - first, 0)
-    edge, offset = _expand(count)
-    column = first[edge] + offset
-    left, right = np.maximum(low[edge], column / fine), np.minimum(high[edge], (column + 1) / fine)
-    keep = right > left
-    edge, column, left, right = edge[keep], column[keep], left[keep], right[keep]
-    forward = end[edge] > start[edge]
-    starting, ending = cosines[0].ravel()[edge], cosines[1].ravel()[edge]
-    lowest = np.where(forward, starting, ending)
-    highest = np.where(forward, ending, starting)
-    plane = normal.reshape(-1, 3)[edge]
-    level = flat.ravel()[edge]
-    at_left = np.where(level | (left == low[edge]), lowest, _cosine_on(plane, left))
-    at_right = np.where(level | (right == high[edge]), highest, _cosine_on(plane, right))
-    signed = np.where(forward, left - right, right - left)
-
-    # Between the top and the bottom row of its polygon, each piece has some area beneath it.
-    polygon = edge // sides
-    top = np.full(len(corners), -1.0)
-    bottom = np.full(len(corners), 1.0)
-    np.maximum.at(top, polygon, np.maximum(at_left, at_right))
-    np.minimum.at(bottom, polygon, np.minimum(at_left, at_right))
-    first_row, last_row = _row(top, height), _row(bottom, height)
-    piece, offset = _expand((last_row - first_row + 1)[polygon])
-    row = first_row[polygon[piece]] + offset
+    # Each chord has some area beneath it in every row from its polygon's top to its bottom.
+    top, bottom = np.full(len(corners), -1.0), np.full(len(corners), 1.0)
+    np.maximum.at(top, chords.polygon, np.maximum(chords.at_left, chords.at_right))
+    np.minimum.at(bottom, chords.polygon, np.minimum(chords.at_left, chords.at_right))
+    first, last = _row(top, height), _row(bottom, height)
+    chord, offset = _expand((last - first + 1)[chords.polygon])
+    polygon = chords.polygon[chord]
+    row = first[polygon] + offset
     lines = np.cos(np.pi * np.arange(height + 1) / height)
-    mean = _mean_above(at_left[piece], at_right[piece], lines[row + 1], lines[row])
-    column = (column * (2 * height) // fine) % (2 * height)
-    return row * (2 * height) + column[piece], polygon[piece], 2.0 * np.pi * signed[piece] * mean
+    mean = _mean_above(chords.at_left[chord], chords.at_right[chord], lines[row + 1], lines[row])
+    # Counter-clockwise, a polygon's upper side is walked to the left and adds.
+    overlap = -2.0 * np.pi * chords.width[chord] * mean
+    column = (chords.column // per_column) % width
+    return row * width + column[chord], polygon, overlap
 
 
-def _edges(
-    corners: Float[np.ndarray, "texels vertices 3"],
-) -> tuple[
-    Float[np.ndarray, "texels sides"],
-    Float[np.ndarray, "texels sides"],
-    tuple[Float[np.ndarray, "texels sides"], Float[np.ndarray, "texels sides"]],
-    Float[np.ndarray, "texels sides 3"],
-    np.ndarray,
-]:
-    """Edges in the plane of u and cos(theta), with one more that closes polygons around a pole.
-
-    Returns (u at the start, signed width in u, cosines at start and end, normal of the great
-    circle, whether the edge runs along a pole, where the cosine is constant).
-    """
+def _edges(corners: Float[np.ndarray, "texels vertices 3"]) -> _Edges:
+    """The polygons' sides, with one more for each that closes it around a pole."""
     x, y, z = np.moveaxis(corners, -1, 0)
     pole = np.hypot(x, z) < 1e-9
     u = np.arctan2(x, -z) / (2.0 * np.pi)
     u = np.where(pole, np.roll(u, 1, axis=1), u)  # up a meridian, along the pole, down another
     width = np.roll(u, -1, axis=1) - u
-    short = width - np.round(width)
-    # Counter-clockwise polygons have the north pole above them and the south pole below.
-    side = -np.sign(y)
-    along = np.where(pole, side * np.mod(side * width, 1.0), short)
+    # Counter-clockwise polygons pass the north pole to the left and the south pole to the right.
+    onward = -np.sign(y)
+    along = np.where(pole, onward * np.mod(onward * width, 1.0), width - np.round(width))
     following = np.roll(corners, -1, axis=1)
     normal = np.cross(corners, following)
     meridian = np.abs(normal[..., 1]) <= 1e-9 * np.linalg.norm(normal, axis=-1)
     along = np.where(meridian & ~pole, 0.0, along)
 
-    turns = np.round(along.sum(axis=1, keepdims=True))  # of polygons with a pole inside
-    closing = np.sign(y.sum(axis=1, keepdims=True))
-    ends = np.where(pole, y, following[..., 1])
-    return (
-        np.append(u, u[:, :1] + turns, axis=1),
-        np.append(along, -turns, axis=1),
-        (np.append(y, closing, axis=1), np.append(ends, closing, axis=1)),
-        np.append(normal, np.zeros_like(normal[:, :1]), axis=1),
-        np.append(pole, np.ones_like(pole[:, :1]), axis=1),
+    turns = np.round(along.sum(axis=1, keepdims=True))  # a full one around a pole inside
+    nearest_pole = np.sign(y.sum(axis=1, keepdims=True))
+    start = np.append(u, u[:, :1] + turns, axis=1)
+    end = start + np.append(along, -turns, axis=1)
+    at_end = np.where(pole, y, following[..., 1])
+    return _Edges(
+        np.repeat(np.arange(len(corners)), start.shape[1]),
+        start.ravel(),
+        end.ravel(),
+        np.append(y, nearest_pole, axis=1).ravel(),
+        np.append(at_end, nearest_pole, axis=1).ravel(),
+        np.append(normal, np.zeros_like(normal[:, :1]), axis=1).reshape(-1, 3),
+        np.append(pole, np.ones_like(turns, bool), axis=1).ravel(),
     )
+
+
+def _chords(edges: _Edges, columns: int) -> _Chords:
+    """The edges cut at the sides of so many columns."""
+    low, high = np.minimum(edges.start, edges.end), np.maximum(edges.start, edges.end)
+    first = np.floor(low * columns).astype(np.int64)
+    count = np.where(high > low, np.ceil(high * columns).astype(np.int64) - first, 0)
+    edge, offset = _expand(count)
+    column = first[edge] + offset
+    left = np.maximum(low[edge], column / columns)
+    right = np.minimum(high[edge], (column + 1) / columns)
+    keep = right > left
+    edge, column, left, right = edge[keep], column[keep], left[keep], right[keep]
+
+    forward = (edges.end > edges.start)[edge]
+    begin, finish = edges.cosine_at_start[edge], edges.cosine_at_end[edge]
+    level, normal = edges.level[edge], edges.normal[edge]
+    at_low, at_high = np.where(forward, begin, finish), np.where(forward, finish, begin)
+    at_left = np.where(level | (left == low[edge]), at_low, _cosine_on(normal, left))
+    at_right = np.where(level | (right == high[edge]), at_high, _cosine_on(normal, right))
+    width = np.where(forward, right - left, left - right)
+    return _Chords(edges.polygon[edge], column, width, at_left, at_right)
 
 
 def _cosine_on(

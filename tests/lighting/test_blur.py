@@ -43,7 +43,7 @@ def spiky(height, seed=0):
 
 
 @pytest.mark.parametrize(("rows", "exponent", "height", "inside", "outside"), [
-    (4, 1.0, 3, 10, 6), (4, 5.0, 3, 10, 8), (4, 40.0, 4, 14, 8), (4, 0.0, 2, 16, 12),
+    (4, 1.0, 3, 10, 6), (4, 5.0, 3, 10, 8), (2, 20.0, 3, 24, 14), (4, 0.0, 2, 16, 12),
 ])  # fmt: skip
 def test_agrees_with_brute_force(rows, exponent, height, inside, outside):
     radiance = spiky(rows)

@@ -214,6 +214,18 @@ def test_black_base_samples_the_lobe_alone(model):
     assert evaluate(model, surface, view, view_at(0.9))[1] < 1e-2 / np.pi
 
 
+def test_lobes_are_chosen_by_luminance():
+    surface = material([0.6, 0.3, 0.4], [0.1, 0.5, 0.2], 0.5)
+    specular, base = (
+        0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in ((0.1, 0.5, 0.2), (0.6, 0.3, 0.4))
+    )
+    share = specular / (specular + base)
+    for model in (Phong(), BlinnPhong()):
+        assert model.specular_share(surface, jnp.float32(0.3)) == pytest.approx(share, rel=1e-5)
+    # Facets reflect more at grazing angles: there nearly all samples are theirs.
+    assert CookTorrance().specular_share(surface, jnp.float32(0.01)) > 0.9
+
+
 @pytest.mark.parametrize("model", **named(MODELS))
 def test_an_all_black_material_samples_the_cosine(model):
     lights, _ = sphere_quadrature(0.6)
@@ -359,11 +371,12 @@ NUMBERS = st.one_of(st.sampled_from([0.0, 1.0, 1e-20, 1e-6]), st.floats(0.0, 1.0
     light=DIRECTIONS,
     numbers=arrays(np.float32, (8, 4), elements=NUMBERS),
     view_is=st.sampled_from(["anywhere", "normal", "below"]),
-    light_is=st.sampled_from(["anywhere", "view", "opposite"]),
+    light_is=st.sampled_from(["anywhere", "view", "opposite", "upright facet"]),
 )
 def test_everything_is_finite_everywhere(normal, view, light, numbers, view_is, light_is):
     view = {"anywhere": view, "normal": normal, "below": -normal}[view_is]
-    light = {"anywhere": light, "view": view, "opposite": -view}[light_is]
+    upright = view - 2.0 * np.sum(normal * view, axis=-1, keepdims=True) * normal
+    light = {"anywhere": light, "view": view, "opposite": -view, "upright facet": upright}[light_is]
     surface = MaterialValues(
         jnp.asarray(numbers[:, :1] * np.ones(3, np.float32)),
         jnp.asarray(numbers[:, 1:2] * np.float32([1, 0.5, 0])),

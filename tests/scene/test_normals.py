@@ -112,3 +112,14 @@ def test_face_front_counts_what_it_changes():
     turned, count, replaced = face_front(normals, up)
     assert (count, replaced) == (1, 1)
     np.testing.assert_allclose(turned[0], [[0, 0, 1], [0, -0.6, 0.8], [0, 0, 1]])
+
+
+def test_sheets_folded_onto_each_other_are_not_smoothed():
+    """Both triangles run along their edge the same way: they are no neighbours on a surface."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0.2, 1, 0], [0.7, 1, 0.2]])
+    triangles = np.array([[0, 1, 2], [0, 1, 3]])
+    areas = area_vectors(points[triangles])
+    flat = areas / np.linalg.norm(areas, axis=-1, keepdims=True)
+    np.testing.assert_allclose(
+        crease_normals(triangles, areas, 1.0), np.repeat(flat[:, None], 3, axis=1), atol=1e-12
+    )

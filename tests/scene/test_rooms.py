@@ -53,3 +53,12 @@ def test_the_view_does_not_depend_on_the_unit(scale):
         np.multiply(room_camera(small).eye, scale), room_camera(large).eye, rtol=1e-4,
         atol=1e-4 * scale,
     )  # fmt: skip
+
+
+def test_a_room_with_a_wall_the_wrong_way_is_not_entered():
+    room = trimesh.creation.box((4, 4, 4))
+    faces = room.faces[:, ::-1].copy()
+    outward = room.face_normals[:, 0] > 0.9
+    faces[outward] = faces[outward, ::-1]
+    assert outward.sum() == 2
+    assert not is_architecture(build_scene(room.vertices, faces))

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import warnings
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,32 +12,16 @@ from jaxvis import methods
 from jaxvis.compare import (
     choose_methods,
     compare,
-    file_stem,
-    output_folder,
     prepare,
-    read_camera,
     render,
 )
 from jaxvis.compare.run import one_line
 from jaxvis.errors import JaxvisWarning
 from jaxvis.image import psnr, read_image, rmse
-from jaxvis.lighting import Environment
 from jaxvis.methods import Method, Reference
-from jaxvis.scene import Camera, build_scene
+from jaxvis.scene import Camera
 
 SIZE = (20, 14)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_caches(tmp_path_factory):
-    """References and compiled programs of these tests stay out of the user's cache."""
-    folder = tmp_path_factory.mktemp("cache")
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAXVIS_CACHE", str(folder))
-        yield folder
-    jax.config.update("jax_compilation_cache_dir", before)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,23 +63,6 @@ class Grey(Method):
 
     def evaluations(self, visibility, light, surface):
         return 7
-
-
-@pytest.fixture(scope="module")
-def scene():
-    """A floor that the camera sees in the lower part of the picture."""
-    positions = np.array([[-9, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]], np.float32)
-    triangles = np.array([[0, 2, 1], [0, 3, 2]])
-    camera = Camera((0.0, 1.0, 4.0), (0.0, 0.9, 0.0), field_of_view=0.7)
-    return build_scene(positions, triangles, camera=camera, name="floor")
-
-
-@pytest.fixture(scope="module")
-def sky():
-    """A small sky, brighter on one side."""
-    radiance = np.ones((8, 16, 3), np.float32)
-    radiance[:4, :8] = [4.0, 3.0, 2.0]
-    return Environment(jnp.asarray(radiance), "two halves")
 
 
 @pytest.fixture(scope="module")
@@ -331,67 +297,10 @@ def test_labels_of_objects_say_what_differs_from_the_defaults():
     ]
 
 
-def test_file_stem_is_a_safe_name():
-    assert file_stem("correspondence:vectors=96,shading=fragment") == (
-        "correspondence-vectors-96-shading-fragment"
-    )
-    assert file_stem("mc-ides+denoise") == "mc-ides+denoise"
-    assert file_stem("../../x y") == "x-y"
-
-
 def test_one_line():
     assert one_line(ValueError("a\n  b")) == "a b"
     assert one_line(KeyError("x")) == "KeyError: 'x'"
     assert one_line(MemoryError()) == "MemoryError"
-
-
-def test_output_folder_keeps_what_was_there_when_the_block_fails(tmp_path):
-    (tmp_path / "results.json").write_text("old")
-
-    def fail_halfway() -> None:
-        with output_folder(tmp_path) as folder:
-            (folder / "results.json").write_text("new")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail_halfway()
-    assert (tmp_path / "results.json").read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 1
-    with output_folder(tmp_path) as folder:
-        (folder / "results.json").write_text("new")
-    assert (tmp_path / "results.json").read_text() == "new"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_output_folder_below_a_file(tmp_path):
-    (tmp_path / "file").write_text("")
-    with (
-        pytest.raises(OSError, match="cannot write to this folder"),
-        output_folder(tmp_path / "file"),
-    ):
-        pytest.fail("the block must not run")
-
-
-def test_camera_files(tmp_path):
-    path = tmp_path / "camera.json"
-    camera = Camera((1.0, 2.0, 3.0), (0.0, 0.5, 0.0), field_of_view=0.5)
-    path.write_text(json.dumps({"camera": dataclasses.asdict(camera), "schema": 1}))
-    assert read_camera(path) == camera
-    path.write_text('{"eye": [1, 2, 3], "target": [0, 0.5, 0]}')
-    assert read_camera(path) == dataclasses.replace(camera, field_of_view=0.6)
-    for text in ("{", "[]", '{"eye": [1, 2, 3]}', '{"eye": [1, 2], "target": [0, 0, 0]}'):
-        path.write_text(text)
-        with pytest.raises(ValueError, match=r"camera\.json: not a camera"):
-            read_camera(path)
-    with pytest.raises(FileNotFoundError, match=r"gone\.json: no such"):
-        read_camera(tmp_path / "gone.json")
-
-
-def test_rotation_turns_light_and_background(scene, sky):
-    plain, turned = prepare(scene, sky, SIZE), prepare(scene, sky, SIZE, rotate=np.pi)
-    assert not np.array_equal(plain.background, turned.background)
-    flipped = turned.environment.rotate(np.pi)
-    assert np.allclose(flipped.radiance, sky.radiance, atol=1e-5)
 
 
 def test_render_exposes_its_own_image(scene, sky):
@@ -402,10 +311,3 @@ def test_render_exposes_its_own_image(scene, sky):
     assert np.allclose(picture.shown[setting.coverage == 1.0], 1.0, atol=1e-5)
     given = render(Grey(0.25), setting, exposure=2.0)
     assert np.allclose(given.shown[setting.coverage == 1.0], 0.7353569, atol=1e-5)
-
-
-def test_backs_of_one_sided_faces_are_counted(scene, sky):
-    below = Camera((0.0, -1.0, 4.0), (0.0, -0.9, 0.0), field_of_view=0.7)
-    one_sided = prepare(scene, sky, SIZE, camera=below)
-    assert one_sided.back_pixels == one_sided.covered.sum() > 0
-    assert prepare(scene, sky, SIZE, camera=below, two_sided=True).back_pixels == 0
