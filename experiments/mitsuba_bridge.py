@@ -18,8 +18,8 @@ UPSAMPLING = 4
 def mitsuba_environment(environment: Environment) -> Float[np.ndarray, "rows columns 3"]:
     """The piecewise-constant map resampled to Mitsuba's pixel convention.
 
-    Mitsuba's ``envmap`` puts row 0 on one pole and the last row on the other, columns at the centres
-    of equal steps, and interpolates bilinearly. Each texel becomes UPSAMPLING^2; a node on the
+    Mitsuba's ``envmap`` puts row 0 on one pole and the last row on the other, columns at the
+    centres of equal steps, and interpolates bilinearly. Each texel becomes UPSAMPLING^2; a node on the
     boundary between two rows takes their mean, which keeps their sum.
     """
     fine = np.asarray(environment.radiance).repeat(UPSAMPLING, axis=1)
@@ -117,9 +117,7 @@ def white_diffuse(scene: Scene, albedo: float = 0.8) -> Scene:
 
 def rough_metal(scene: Scene, roughness: float = 0.5) -> Scene:
     """The scene with every material replaced by a perfectly reflecting GGX metal."""
-    material = jaxvis.Material(
-        base_colour=(0.0,) * 3, specular=(1.0,) * 3, roughness=roughness
-    )
+    material = jaxvis.Material(base_colour=(0.0,) * 3, specular=(1.0,) * 3, roughness=roughness)
     return _with_material(scene, material, jaxvis.reflectance.CookTorrance("ggx"))
 
 

@@ -1,9 +1,9 @@
 """jaxvis beside Mitsuba 3: the same mesh, camera, light and material in both.
 
-First table: do the images agree? Mean ratio and RMSE over the pixels that are covered in both, beside
-the noise floor (what two renders with Mitsuba's and jaxvis's stated noise would differ by). Second
-table: PSNR and seconds of both at 1 to 256 samples a pixel, each against its own converged image.
-Writes the images and the difference as PNG to --out.
+First table: do the images agree? Mean ratio and RMSE over the pixels that are covered in both,
+beside the noise floor (what two renders with the noise of these would differ by). Second table: PSNR
+and seconds of both at 1 to 256 samples a pixel, each against its own converged image. Writes the
+images and the difference as PNG to --out.
 """
 
 import argparse
@@ -92,7 +92,11 @@ def agreement(
     stem = f"{scene.name}-{material}".replace("/", "-")
     exposed = np.asarray(b)[inside].max(axis=-1)
     white = float(np.quantile(exposed, 0.99))
-    for name, image in {"jaxvis": a, "mitsuba": b, "difference-x10": 0.5 * white + 10 * difference}.items():
+    for name, image in {
+        "jaxvis": a,
+        "mitsuba": b,
+        "difference-x10": 0.5 * white + 10 * difference,
+    }.items():
         write_image(Path(options.out) / f"{stem}-{name}.png", tonemap(image, 1.0 / white))
     return {
         "scene": scene.name,
@@ -106,7 +110,9 @@ def agreement(
     }
 
 
-def race(mi: Any, scene: Scene, options: argparse.Namespace, material: str) -> list[dict[str, object]]:
+def race(
+    mi: Any, scene: Scene, options: argparse.Namespace, material: str
+) -> list[dict[str, object]]:
     """PSNR and seconds of both at each number of samples, taking turns."""
     environment, size = options.light, tuple(options.size)
     camera = jaxvis.default_camera(scene)
@@ -114,9 +120,7 @@ def race(mi: Any, scene: Scene, options: argparse.Namespace, material: str) -> l
     peer = mitsuba_scene(mi, scene, camera, environment, size, MITSUBA_BSDFS[material])
     integrator = direct_integrator(mi)
     truth = Reference(error=0.002)
-    ours_truth, _ = truth.solve_cached(
-        truth.precompute(scene), truth.light(environment), surface
-    )
+    ours_truth, _ = truth.solve_cached(truth.precompute(scene), truth.light(environment), surface)
     their_truth, _ = theirs(mi, peer, 1024, 4)
     inside = np.asarray(surface.coverage) > 0.0
     rows = []
@@ -169,7 +173,9 @@ def main() -> None:
             races += race(mi, scene, options, material)
     print(f"Mitsuba {mi.__version__} ({mi.variant()}), {options.environment}, {options.size}")
     for title, rows in {"Agreement": agreements, "PSNR and seconds": races}.items():
-        print(f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}")
+        print(
+            f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """How fast jaxvis traces rays, and how much of a Monte Carlo frame is ray tracing.
 
-Prints two tables: the throughput of jaxvis.scene.rays beside that of bare embreex on the same rays in
-as many threads, and, for each estimator, the share of a frame's time that is spent in Embree.
+Prints two tables: the throughput of jaxvis.scene.rays beside that of bare embreex on the same rays
+in as many threads, and, for each estimator, the share of a frame's time that is spent in Embree.
 """
 
 import argparse
@@ -18,9 +18,9 @@ from embreex.rtcore_scene import EmbreeScene
 import jaxvis
 from jaxvis import methods
 from jaxvis.methods.traced import shading_points
+from jaxvis.sampling.hemisphere import sample_cosine
 from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.sphere.frames import to_world
-from jaxvis.sampling.hemisphere import sample_cosine
 
 
 def best_of(repeats: int, *functions: Callable[[], object]) -> list[float]:
@@ -46,7 +46,7 @@ def cosine_rays(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bare_embree(scene: Scene, threads: int) -> Callable[[str, np.ndarray, np.ndarray], None]:
-    """embreex alone, its best: contiguous float32 rays, one large slice for each thread at a time."""
+    """embreex alone at its best: contiguous float32 rays, in slices shared among threads."""
     embree = EmbreeScene(robust=True)
     TriangleMesh(embree, scene.positions, scene.triangles)
     embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
@@ -139,7 +139,9 @@ def main() -> None:
         rates += throughput(scene, surface, options.rays, options.repeats)
         shares += frame_shares(scene, environment, surface, options.spp, options.repeats)
     for title, rows in {"Ray throughput": rates, "Share of a frame in Embree": shares}.items():
-        print(f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.3g}'.format)}")
+        print(
+            f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.3g}'.format)}"
+        )
 
 
 if __name__ == "__main__":

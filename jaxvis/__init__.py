@@ -57,7 +57,7 @@ _HOMES = {
     "trace_surface": "scene",
 }
 
-__all__ = [  # noqa: PLE0604, RUF022 - one list, kept beside the homes of the names
+__all__ = [
     "Camera",
     "Environment",
     "InvalidEnvironment",

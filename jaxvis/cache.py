@@ -51,8 +51,9 @@ def whole_file(path: str | os.PathLike) -> Iterator[Path]:
 def save_arrays(path: str | os.PathLike, kind: str, arrays: dict[str, Any], **header: Any) -> None:
     """Writes arrays and a JSON header of what they are, as one .npz file."""
     text = json.dumps({"format": FORMAT, "kind": kind, **header})
+    contents: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
     with whole_file(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, header=np.array(text), **{k: np.asarray(v) for k, v in arrays.items()})
+        np.savez(file, allow_pickle=False, header=np.array(text), **contents)
 
 
 def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

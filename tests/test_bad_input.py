@@ -13,6 +13,7 @@ import pytest
 
 from jaxvis import cli
 from jaxvis.image import write_image
+from tests.bad_files import BAD_LIGHTS, BAD_MESHES, GOOD, glb, good_light, good_mesh, text_file
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")  # they would be more lines
 
@@ -173,10 +174,11 @@ RENDER = ["render", "mc-mis:spp=1", "--environment", "uniform", "--size", "8", "
 @pytest.mark.parametrize(
     ("mesh", "counted"),
     [
-        (f"{GOOD}f 1 1 2\nf 2 2 3\n", "2"),  # zero-area faces
-        (f"{GOOD}v 0 -1 0\nf 1 3 5\nf 3 1 5\n", None),  # four faces at an edge: not a manifold
+        (f"{GOOD}f 1 1 2\nf 2 2 3\n", "2"),
+        (f"{GOOD}v 0 -1 0\nf 1 3 5\nf 3 1 5\n", None),  # four faces at an edge
+        ("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 1 3 2\nf 1 4 3\n", None),
     ],
-    ids=["zero-area faces", "not a manifold"],
+    ids=["zero-area faces", "not a manifold", "a flat square"],
 )
 def test_meshes_that_are_mended_or_work(mesh, counted, tmp_path, capsys):
     path = text_file("odd.obj", mesh)(tmp_path)

@@ -55,9 +55,14 @@ def test_a_bad_entry_is_rebuilt_with_a_warning(damage, monkeypatch):
 def test_nothing_half_written_is_left(tmp_path):
     target = tmp_path / "file.npz"
     target.write_text("before")
-    with pytest.raises(RuntimeError), cache.whole_file(target) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError
+
+    def fail_halfway():
+        with cache.whole_file(target) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError("a full disk, say")
+
+    with pytest.raises(RuntimeError, match="full disk"):
+        fail_halfway()
     assert target.read_text() == "before"
     assert os.listdir(tmp_path) == ["file.npz"]
 

@@ -63,6 +63,14 @@ def test_compare_prints_a_table_and_the_page(capsys, tmp_path):
     assert json.loads((out / "results.json").read_text())["results"][0]["parameters"]["spp"] == 1
 
 
+def test_bars_show_on_a_terminal(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert cli.main([*COMPARE, "--methods", "mc-mis:spp=1", "--out", str(tmp_path)]) == 0
+    errors = capsys.readouterr().err
+    for words in ("reference", "mc-mis:spp=1: shade", "report"):
+        assert words in errors, words
+
+
 def test_render(capsys, tmp_path):
     command = ["render", "mc-mis:spp=1", *SMALL, "--out", str(tmp_path)]
     assert cli.main([*command, "--reflectance", "phong", "--exposure", "0.5"]) == 0

@@ -4,6 +4,7 @@ import contextlib
 import datetime
 import math
 import os
+import re
 import sys
 import time
 import warnings
@@ -107,16 +108,18 @@ def compare(
     truth = registry.create(reference)
     progress = progress and sys.stderr.isatty()
     use_compilation_cache()
-    setting = prepare(
-        scene,
-        environment,
-        size,
-        camera=camera,
-        reflectance=reflectance,
-        supersampling=supersampling,
-        rotate=rotate,
-        two_sided=two_sided,
-    )
+    notes: list[str] = []
+    with _noting_warnings(notes):
+        setting = prepare(
+            scene,
+            environment,
+            size,
+            camera=camera,
+            reflectance=reflectance,
+            supersampling=supersampling,
+            rotate=rotate,
+            two_sided=two_sided,
+        )
     with (
         contextlib.nullcontext() if out is None else output_folder(out) as folder,
         tqdm(total=1 + len(chosen), unit="method", leave=False, disable=not progress) as bar,
@@ -144,6 +147,7 @@ def compare(
         results = {
             "schema": SCHEMA,
             **setting.describe(),
+            "notes": [n for n in notes if not any(known in n for known in setting.scene.notes)],
             "seed": seed,
             "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "versions": versions(),
@@ -244,7 +248,9 @@ def _reference(
         repr(surface.reflectance),
         np.asarray(setting.environment.radiance),
     )
-    stored, cached = cached_arrays("reference", key, render)
+    notes: list[str] = []
+    with _noting_warnings(notes):
+        stored, cached = cached_arrays("reference", key, render)
     row = {
         "method": registered_name(method),
         "parameters": _plain(method.parameters()),
@@ -255,6 +261,7 @@ def _reference(
         "evaluations": int(stored["evaluations"]),
         "image": f"{REFERENCE}.exr",
         "png": f"{REFERENCE}.png",
+        "notes": notes,
     }
     return stored["radiance"], row
 
@@ -287,7 +294,7 @@ def _row(
     except Exception as error:
         if stop_on_error:
             raise
-        return {**row, **FAILED, "notes": notes, "error": one_line(error)}, None
+        return {**row, **FAILED, "notes": notes, "error": without_folders(one_line(error))}, None
     stem = file_stem(label)
     files = {"image": f"{stem}.exr", "png": f"{stem}.png"}
     return {**row, **measured, **files, "notes": notes}, image
@@ -301,7 +308,8 @@ def _noting_warnings(notes: list[str]) -> Iterator[None]:
         try:
             yield
         finally:
-            notes += [str(w.message) for w in caught if issubclass(w.category, JaxvisWarning)]
+            ours = (w for w in caught if issubclass(w.category, JaxvisWarning))
+            notes += [without_folders(str(w.message)) for w in ours]
     for w in caught:
         warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
 
@@ -310,6 +318,11 @@ def one_line(error: BaseException) -> str:
     """What went wrong, in one line; the type's name unless jaxvis itself said it."""
     text = " ".join(str(error).split())
     return text if type(error) is ValueError else f"{type(error).__name__}: {text}".rstrip(": ")
+
+
+def without_folders(text: str) -> str:
+    """The text with absolute paths cut to file names: results are for others to read."""
+    return re.sub(r"(?<![\w./])/(?:[^\s/:]+/)+", "", text)
 
 
 def _metric(yardstick: Yardstick, rows: list[dict[str, Any]]) -> dict[str, Any]:

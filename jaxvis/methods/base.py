@@ -15,9 +15,9 @@ from jaxvis.scene import Scene, Surface
 class Method(ABC):
     """A way to light a scene: a frozen dataclass of hyperparameters with three verbs.
 
-    ``precompute`` returns a Visibility, a pytree with ``nbytes``, ``save(path)`` and ``load(path)``;
-    ``light`` returns a pytree. ``shade`` is deterministic unless :attr:`stochastic`; then it needs
-    an explicit ``key``, and the same key gives the same bits.
+    ``precompute`` returns a Visibility, a pytree with ``nbytes``, ``save(path)`` and
+    ``load(path)``; ``light`` returns a pytree. ``shade`` is deterministic unless
+    :attr:`stochastic`; then it needs an explicit ``key``, and the same key gives the same bits.
     """
 
     stochastic: ClassVar[bool] = False

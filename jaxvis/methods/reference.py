@@ -69,9 +69,10 @@ class Reference(Method):
     directions in every texel of the environment, with exact solid angles (``rows``, if given, first
     resamples the environment to that many rows, which makes another, blurrier light).
 
-    With an ``error`` the directions are a stratified subset, the same for all pixels so that there is
-    no noise between them: scrambled Sobol points (Owen 1995), half of them through the environment's
-    cumulative distribution and half through the BRDF's, weighted by the balance heuristic. Four
+    With an ``error`` the directions are a stratified subset, the same for all pixels so that there
+    is no noise between them: scrambled Sobol points (Owen 1995), half of them through the
+    environment's cumulative distribution and half through the BRDF's, weighted by the balance
+    heuristic. Four
     independent scramblings tell the error, and the subset doubles until the image's relative
     standard error (see :class:`Solution`) is at most ``error``.
     """
@@ -196,8 +197,8 @@ def texel_lights(
 ) -> tuple[Float[np.ndarray, "lights 3"], Float[np.ndarray, "lights 3"]]:
     """The environment as directional lights: unit directions and radiance times solid angle.
 
-    ``subdivision``^2 lights a texel, at the centres of equal steps of phi and theta, with exact solid
-    angles. Black texels are left out; the list is padded with black lights to whole stages.
+    ``subdivision``^2 lights a texel, at the centres of equal steps of phi and theta, with exact
+    solid angles. Black texels are left out; the list is padded with black lights to whole stages.
     """
     height, width = (n * subdivision for n in environment.radiance.shape[:2])
     radiance = np.asarray(environment.radiance, np.float64)
@@ -230,9 +231,7 @@ def _subset(
     light: ReferenceLight, reflectance: Reflectance, target: float, trace: Trace
 ) -> tuple[np.ndarray, float, int]:
     """Radiance of each point, its relative standard error, and the directions per point."""
-    engines = [
-        (qmc.Sobol(2, rng=2 * r), qmc.Sobol(3, rng=2 * r + 1)) for r in range(REPLICATES)
-    ]
+    engines = [(qmc.Sobol(2, rng=2 * r), qmc.Sobol(3, rng=2 * r + 1)) for r in range(REPLICATES)]
     totals: list[np.ndarray] = []
     count = 0
     while True:

@@ -1,7 +1,8 @@
 """Shading by traced rays, in stages: jitted array code around host ray tracing (DESIGN §1).
 
-A jitted stage proposes rays and what each would contribute if nothing blocks it; the rays that could
-contribute are compacted and traced on the host; a jitted stage adds up those that got through.
+A jitted stage proposes rays and what each would contribute if nothing blocks it; the rays that
+could contribute are compacted and traced on the host; a jitted stage adds up those that got
+through.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,11 +22,11 @@ from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.scene.rays import offset_origins
 from jaxvis.sphere.frames import dot
 
-RAYS_PER_BLOCK = 1 << 18
+RAYS_PER_BLOCK = 1 << 17
 """Rays in one call of the jitted stages. Fixed, so that each point meets the same machine code and
 gives the same bits whatever the chunk."""
 
-RAYS_PER_CHUNK = 1 << 19
+RAYS_PER_CHUNK = 1 << 18
 """Rays proposed before they are traced: about 25 bytes each in memory, and at least one block."""
 
 
@@ -210,9 +211,7 @@ def _slice(points: ShadingPoints, start: Int[Array, ""] | int, count: int) -> Sh
 
 
 @jax.jit
-def _sum(
-    weights: Components, visible: Bool[Array, "points samples"]
-) -> Float[Array, "points 3"]:
+def _sum(weights: Components, visible: Bool[Array, "points samples"]) -> Float[Array, "points 3"]:
     return jnp.stack([jnp.sum(jnp.where(visible, w, 0.0), axis=1) for w in weights], axis=-1)
 
 

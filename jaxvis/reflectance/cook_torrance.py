@@ -49,7 +49,6 @@ class CookTorrance(GlossyReflectance):
         width, grazing = material.microfacet_width, _grazing(material)
 
         cos_facet, facing = facet_cosines(normal, view, light)
-        cos_facet = jnp.maximum(cos_facet, LOWEST_FACET)
         facets = 0.25 * microfacet.distribution(cos_facet, width, self.distribution)
         passing = microfacet.masking_shadowing(
             towards_light, towards_view, width, self.distribution
@@ -99,9 +98,6 @@ class CookTorrance(GlossyReflectance):
 
 LOWEST_COSINE = 1e-5
 """Masking is evaluated at cosines no lower than this, which keeps its gradients finite."""
-
-LOWEST_FACET = 1e-3
-"""Likewise the distribution of facets, which is flat there (GGX) or 0 (Beckmann)."""
 
 
 def _grazing(material: MaterialValues) -> Float[Array, "..."]:

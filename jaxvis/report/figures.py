@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from jaxvis.compare import Comparison
 from jaxvis.compare.result import REFERENCE
@@ -110,7 +111,7 @@ def psnr_over_time(comparison: Comparison, ink: str = "#222222") -> Figure:
         axes = figure.add_axes((0.085, 0.14, 0.655, 0.82))
     axes.set_xlabel("seconds per frame (warm)")
     axes.set_ylabel("PSNR (dB)")
-    axes.tick_params(which="both", colors=ink, labelcolor=ink)
+    axes.tick_params(which="both", colors=ink, labelcolor=ink, length=4, pad=4)
     axes.set_facecolor("none")
     figure.set_facecolor("none")
     for side in ("top", "right"):
@@ -119,13 +120,16 @@ def psnr_over_time(comparison: Comparison, ink: str = "#222222") -> Figure:
         axes.text(0.5, 0.5, "no method has a finite PSNR", ha="center", transform=axes.transAxes)
         return figure
     axes.set_xscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
     for _, colour, marker, points in series:
         axes.plot(*zip(*points, strict=True), color=colour, marker=marker, ms=5, lw=1.6)
     low, high = axes.get_xlim()
     if high < 10.0 * low:  # at least a decade, or the axis has no ticks
         middle = math.sqrt(low * high)
         axes.set_xlim(middle / math.sqrt(10.0), middle * math.sqrt(10.0))
+    low, high = axes.get_xlim()
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    axes.xaxis.set_minor_formatter("{x:g}" if high < 150.0 * low else "")
     axes.margins(y=0.08)
     axes.grid(True, which="major", color=ink, alpha=0.12, lw=0.8)
     _name_at_the_edge(axes, series, ink)

@@ -64,9 +64,10 @@ def _notices(comparison: Comparison) -> Iterable[str]:
             f"{info['back_pixels']:,} pixels see the back of a one-sided face, which is black in "
             "every image."
         )
-    texts += [f"Reference: {note}" for note in comparison["reference"].get("notes", [])]
+    texts += comparison["notes"]
+    texts += [f"Reference: {note}" for note in comparison["reference"]["notes"]]
     for row in comparison["results"]:
-        texts += [f"{row['label']}: {note}" for note in row.get("notes", [])]
+        texts += [f"{row['label']}: {note}" for note in row["notes"]]
     for text in dict.fromkeys(texts):
         yield f'<p class="notice">{escape(text)}</p>'
     for row in comparison.failed:

@@ -2,9 +2,13 @@
 
 import io
 import os
+import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from tqdm import tqdm
 
 from jaxvis.cache import whole_file
 from jaxvis.compare import Comparison, file_stem
@@ -14,12 +18,15 @@ from jaxvis.report.page import html
 from jaxvis.report.tables import csv, markdown
 
 
-def write_report(comparison: Comparison, folder: str | os.PathLike) -> Path:
+def write_report(
+    comparison: Comparison, folder: str | os.PathLike, *, progress: bool = True
+) -> Path:
     """Writes tables, figures and the page; each file whole or not at all.
 
     The files: ``index.html`` (self-contained), ``results.md`` and ``results.csv`` (the table),
     ``psnr_over_time.png``, ``comparison.png`` (all images and error maps), and ``NAME.error.png``
-    for each method. ``results.json`` and the images are :meth:`Comparison.save`'s.
+    for each method. ``results.json`` and the images are :meth:`Comparison.save`'s. ``progress``
+    shows a bar if standard error is a terminal.
 
     Returns:
         The path of the page.
@@ -28,20 +35,34 @@ def write_report(comparison: Comparison, folder: str | os.PathLike) -> Path:
         OSError: the folder cannot be written to.
     """
     folder = Path(folder)
-    for row in comparison["results"]:
-        if "error" not in row:
-            label = row["label"]
-            errors = figures.error_map(comparison.error(label), comparison.covered)
-            write_image(folder / f"{file_stem(label)}.error.png", errors)
-    _write(folder / "comparison.png", _png(figures.sheet(comparison), 130))
+    page = folder / "index.html"
+    writers: list[Callable[[], None]] = [
+        partial(_write_errors, comparison, row["label"], folder)
+        for row in comparison["results"]
+        if "error" not in row
+    ]
+    writers += [
+        lambda: _write(folder / "comparison.png", _png(figures.sheet(comparison), 130)),
+        lambda: _write(folder / "psnr_over_time.png", _plot(comparison)),
+        lambda: _write(folder / "results.md", markdown(comparison).encode()),
+        lambda: _write(folder / "results.csv", csv(comparison).encode()),
+        lambda: _write(page, html(comparison).encode()),
+    ]
+    quiet = not (progress and sys.stderr.isatty())
+    for write in tqdm(writers, desc="report", unit="file", leave=False, disable=quiet):
+        write()
+    return page
+
+
+def _write_errors(comparison: Comparison, label: str, folder: Path) -> None:
+    errors = figures.error_map(comparison.error(label), comparison.covered)
+    write_image(folder / f"{file_stem(label)}.error.png", errors)
+
+
+def _plot(comparison: Comparison) -> bytes:
     plot = figures.psnr_over_time(comparison)
     plot.set_facecolor("white")
-    _write(folder / "psnr_over_time.png", _png(plot, 160))
-    _write(folder / "results.md", markdown(comparison).encode())
-    _write(folder / "results.csv", csv(comparison).encode())
-    page = folder / "index.html"
-    _write(page, html(comparison).encode())
-    return page
+    return _png(plot, 160)
 
 
 def _png(figure: Figure, dots_per_inch: int) -> bytes:

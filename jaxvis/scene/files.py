@@ -153,9 +153,11 @@ def _part(
     if mirrored:
         faces = faces[:, ::-1]
         colours = None if colours is None else colours[:, ::-1]
+    with np.errstate(invalid="ignore"):  # build_scene refuses vertices that are not finite
+        positions = positions @ linear_part.T + matrix[:3, 3]
     return _Part(
         geometry=key,
-        positions=positions @ linear_part.T + matrix[:3, 3],
+        positions=positions,
         faces=faces,
         normals=normals,
         uvs=None if uv is None or len(uv) != len(positions) else np.asarray(uv[:, :2], np.float64),

@@ -13,6 +13,9 @@ from jaxvis.scene.surface import Surface
 RAYS_AT_ONCE = 1 << 18
 """Camera rays traced and interpolated together: bounds the float64 temporaries to about 100 MB."""
 
+GRAZING = 1e-3
+"""Cosine at which a shading normal still faces the viewer."""
+
 LARGEST_SUPERSAMPLING = 16
 """256 rays per pixel; more is a slip."""
 
@@ -81,7 +84,8 @@ def _trace_rows(
     geometric = np.where(hit[:, None], scene.geometric_normals[triangle], 0.0)
     behind = np.sum(geometric * view, axis=-1) < 0.0
     side = np.where(behind, -1.0, 1.0)[:, None]
-    normal = side * _unit(_interpolate(scene.normals[corners], weights)) * hit[:, None]
+    normal = _facing(side * _unit(_interpolate(scene.normals[corners], weights)), view)
+    normal = normal * hit[:, None]
     material = scene.material_ids[triangle]
     two_sided = np.array([m.two_sided for m in scene.materials])[material]
     uv = None if scene.uvs is None else _interpolate(scene.uvs[triangle], weights)
@@ -114,6 +118,17 @@ def _interpolate(
     corners: Float[np.ndarray, "points 3 channels"], weights: Float[np.ndarray, "points 3"]
 ) -> Float[np.ndarray, "points channels"]:
     return np.einsum("pk,pkc->pc", weights, corners)
+
+
+def _facing(
+    normal: Float[np.ndarray, "points 3"], view: Float[np.ndarray, "points 3"]
+) -> Float[np.ndarray, "points 3"]:
+    """Interpolated normals that face away from the viewer, as happens along the silhouettes of
+    coarse meshes, turned towards the view until they face it barely. No model reflects light
+    towards a viewer behind its normal: those pixels would be black.
+    """
+    lacking = np.maximum(GRAZING - np.sum(normal * view, axis=-1, keepdims=True), 0.0)
+    return np.where(lacking > 0.0, _unit(normal + lacking * view), normal)
 
 
 def _unit(vectors: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points 3"]:

@@ -9,16 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxvis.sphere.angles import sine_cosine, turns
+from jaxvis.sphere.components import join
+
 
 def direction(
     u: Float[Array, "*points"], theta: Float[Array, "*points"]
 ) -> Float[Array, "*points 3"]:
     """Unit direction at u (in turns) and colatitude theta (radians from +Y)."""
-    phi = 2.0 * jnp.pi * u
-    sin_theta = jnp.sin(theta)
-    return jnp.stack(
-        [sin_theta * jnp.sin(phi), jnp.cos(theta), -sin_theta * jnp.cos(phi)], axis=-1
-    )
+    sin_theta, cos_theta = sine_cosine(theta * (0.5 / jnp.pi))
+    sin_phi, cos_phi = sine_cosine(u)
+    return join(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi)
 
 
 def coordinates(
@@ -26,9 +27,12 @@ def coordinates(
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
     """(u in [0, 1), theta in [0, pi]) of directions of any length; accurate at the poles."""
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
-    u = jnp.mod(jnp.arctan2(x, -z) / (2.0 * jnp.pi), 1.0)
+    u = turns(x, -z)
+    u = jnp.where(u < 0.0, u + 1.0, u)
     u = jnp.where(u >= 1.0, 0.0, u)  # a tiny negative angle rounds up to 1 in float32
-    return u, jnp.arctan2(jnp.sqrt(x * x + z * z), y)
+    square = x * x + z * z
+    radius = jnp.sqrt(jnp.where(square > 0.0, square, 1.0)) * jnp.where(square > 0.0, 1.0, 0.0)
+    return u, 2.0 * jnp.pi * turns(radius, y)
 
 
 def texel(

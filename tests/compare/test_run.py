@@ -15,9 +15,9 @@ from jaxvis.compare import (
     prepare,
     render,
 )
-from jaxvis.compare.run import one_line
+from jaxvis.compare.run import one_line, without_folders
 from jaxvis.errors import JaxvisWarning
-from jaxvis.image import psnr, read_image, rmse
+from jaxvis.image import psnr, read_image, rmse, write_image
 from jaxvis.methods import Method, Reference
 from jaxvis.scene import Camera
 
@@ -301,6 +301,21 @@ def test_one_line():
     assert one_line(ValueError("a\n  b")) == "a b"
     assert one_line(KeyError("x")) == "KeyError: 'x'"
     assert one_line(MemoryError()) == "MemoryError"
+
+
+def test_folders_are_cut_from_what_is_published():
+    text = "/home/me/.cache/x-1.npz: damaged, 3/4 of a/b at 2 W/m2 ('/a/b.obj')"
+    assert without_folders(text) == "x-1.npz: damaged, 3/4 of a/b at 2 W/m2 ('b.obj')"
+
+
+def test_a_mended_light_is_noted_without_its_folder(scene, tmp_path):
+    pixels = np.ones((8, 16, 3), np.float32)
+    pixels[0, 0] = -1e-7
+    write_image(tmp_path / "light.exr", pixels)
+    with pytest.warns(JaxvisWarning, match="negative"):
+        found = compare(scene, tmp_path / "light.exr", [Grey()], SIZE, reference="reference")
+    (note,) = found["notes"]
+    assert note.startswith("light.exr: ")
 
 
 def test_render_exposes_its_own_image(scene, sky):

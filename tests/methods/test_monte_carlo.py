@@ -8,7 +8,6 @@ import pytest
 from jaxvis.methods import MonteCarlo, Reference, traced
 from jaxvis.methods.monte_carlo.method import compensated
 from jaxvis.scene import trace_surface
-
 from tests.methods.known_scenes import MATERIALS, SCENES, contrasted, uniform_light
 
 ESTIMATORS = {

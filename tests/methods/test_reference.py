@@ -12,7 +12,6 @@ from jaxvis.methods.traced import RayVisibility
 from jaxvis.reflectance import Lambert, Material
 from jaxvis.scene import Camera, build_scene, trace_surface
 from jaxvis.sphere import latlong
-
 from tests.methods.known_scenes import MATERIALS, SCENES, contrasted, uniform_light
 
 WHITE = Material(base_colour=(1.0,) * 3)

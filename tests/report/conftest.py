@@ -82,6 +82,7 @@ def sample_comparison() -> Comparison:
             "notes": ["3 zero-area faces were dropped"],
         },
         "environment_info": {"height": 8, "width": 16, "largest_radiance": 100.0},
+        "notes": ["4 texels are negative"],
         "seed": 7,
         "created": "2025-01-02T03:04:05+00:00",
         "versions": {"jaxvis": "0.1.0", "jax": "0.10"},
@@ -98,6 +99,7 @@ def sample_comparison() -> Comparison:
             "evaluations": 2000,
             "image": "reference.exr",
             "png": "reference.png",
+            "notes": ["relative error 0.004, not 0.001"],
         },
         "results": rows,
     }

@@ -12,7 +12,7 @@ from jaxvis.sampling.sequences import BELOW_ONE
 
 from .chi_square import SIGNIFICANCE, p_value
 
-COUNT = 200_000
+COUNT = 100_000
 sample = jax.jit(AliasTable.sample)
 sample_remainder = jax.jit(AliasTable.sample_remainder)
 

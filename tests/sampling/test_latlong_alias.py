@@ -11,7 +11,7 @@ from jaxvis.sphere import latlong
 from .chi_square import SIGNIFICANCE, p_value
 from .latlong_maps import MAPS, fine_counts, fine_probabilities
 
-COUNT = 200_000
+COUNT = 100_000
 sample = jax.jit(EnvironmentSampler.sample)
 pdf = jax.jit(EnvironmentSampler.pdf)
 

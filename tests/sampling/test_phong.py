@@ -9,7 +9,7 @@ from jaxvis.sampling import phong
 
 from .chi_square import SIGNIFICANCE, p_value, zone_counts, zone_probabilities
 
-COUNT = 200_000
+COUNT = 100_000
 sample_lobe = jax.jit(phong.sample_lobe)
 
 

@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.scene.builtin_checks import camera_rays, least_alignment, sees_backs
 
 from jaxvis.scene.builtin import MAKERS, builtin_scene, builtin_scenes
 from jaxvis.scene.builtin.parameters import length, whole
+from tests.scene.builtin_checks import camera_rays, least_alignment, sees_backs
 
 SMALL = {"courtyard": {"triangles": 20_000}}
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.scene.builtin_checks import occluded_share
 
 from jaxvis.scene.builtin import builtin_scene
+from tests.scene.builtin_checks import occluded_share
 
 
 def rectangle_share(distance, height, half_width):

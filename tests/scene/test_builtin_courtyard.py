@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.scene.builtin_checks import least_alignment, sees_backs, sphere_directions
 
 from jaxvis.scene.builtin import builtin_scene
 from jaxvis.scene.builtin.courtyard import HALF_X, HALF_Z, MATERIALS, WALL_TOP
 from jaxvis.scene.builtin.courtyard_parts import arch, banner, column, curtain, vase
 from jaxvis.scene.rays import RayTracer
+from tests.scene.builtin_checks import least_alignment, sees_backs, sphere_directions
 
 OPENING = np.array([HALF_X - 0.6, HALF_Z - 0.6])
 """Half the edges of the hole in the roof, between the cornices."""

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.scene.builtin_checks import is_closed, least_alignment, volume
 
 from jaxvis.scene.builtin.mesh import fan, grid, grid_normals, join, rectangle, weld
 from jaxvis.scene.builtin.shapes import (
@@ -16,6 +15,7 @@ from jaxvis.scene.builtin.shapes import (
     sphere,
     torus,
 )
+from tests.scene.builtin_checks import is_closed, least_alignment, volume
 
 RING = [(1.0, 0.0), (1.0, 2.0), (0.0, 2.0), (0.0, 0.0), (1.0, 0.0)]
 

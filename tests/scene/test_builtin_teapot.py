@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from tests.scene.builtin_checks import is_closed, least_alignment, occluded_share, volume
 from scipy.spatial import cKDTree
 
 from jaxvis.scene.builtin import builtin_scene
 from jaxvis.scene.builtin.mesh import Mesh, join, weld
 from jaxvis.scene.builtin.teapot import CLEARANCE, evaluate_patch, teapot_mesh
 from jaxvis.scene.builtin.teapot_patches import HANDLE, SPOUT, tube_patches, turned_patches
+from tests.scene.builtin_checks import is_closed, least_alignment, occluded_share, volume
 
 
 @pytest.fixture(scope="module")

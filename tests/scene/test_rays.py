@@ -74,7 +74,7 @@ def test_visible_traces_active_rays_only():
     directions = random_directions(700 * 64, seed=2).reshape(700, 64, 3)
     active = rng.random((700, 64)) < 0.3
     before = tracer.rays_traced
-    visible = tracer.visible(origins, np.moveaxis(directions, -1, 0), active)
+    visible = tracer.visible(origins, list(np.moveaxis(directions, -1, 0)), active)
     assert tracer.rays_traced - before == active.sum()
     every = tracer.occluded(np.repeat(origins, 64, axis=0), directions.reshape(-1, 3))
     np.testing.assert_array_equal(visible, active & ~every.reshape(700, 64))

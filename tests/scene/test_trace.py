@@ -207,3 +207,24 @@ def test_the_surface_is_a_pytree_with_static_model():
 def test_bad_sizes_are_refused(size, supersampling, message):
     with pytest.raises(ValueError, match=message):
         trace_surface(square(), AHEAD, size, supersampling=supersampling)
+
+
+def test_shading_normals_face_the_viewer_along_silhouettes():
+    """A coarse sphere with smooth normals: many that are interpolated face away, none is used."""
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    scene = build_scene(mesh.vertices, mesh.faces, crease_angle=np.pi)
+    surface = trace_surface(
+        scene, Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), field_of_view=0.75), (64, 64)
+    )
+    mask = np.asarray(surface.mask)
+    corners = scene.triangles[np.asarray(surface.triangle)[mask]]
+    weights = np.asarray(surface.barycentrics)[mask]
+    interpolated = np.einsum("pk,pkc->pc", weights, scene.normals[corners])
+    view, normal = np.asarray(surface.view)[mask], np.asarray(surface.normal)[mask]
+    away = np.sum(interpolated * view, axis=-1) < 0.0
+    assert away.sum() > 10
+    assert np.all(np.sum(normal * view, axis=-1) > 0.0)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1.0, atol=1e-6)
+    facing = np.sum(interpolated * view, axis=-1) > 0.01
+    unit = interpolated / np.linalg.norm(interpolated, axis=-1, keepdims=True)
+    np.testing.assert_allclose(normal[facing], unit[facing], atol=1e-5)

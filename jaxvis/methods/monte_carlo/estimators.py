@@ -1,9 +1,9 @@
 """The estimators: rays whose weights add up to an unbiased estimate of (20), paper 000.
 
-All are one multi-sample estimator (Veach and Guibas 1995): n_t directions from each technique t, each
-weighted by f / sum_t n_t p_t, which is the balance heuristic. Drawing and weighing are jitted apart,
-in a few large kernels, so that what several outputs share is computed once. A point's rays depend on
-its pixel, its sample numbers and the key alone.
+All are one multi-sample estimator (Veach and Guibas 1995): n_t directions from each technique t,
+each weighted by f / sum_t n_t p_t, which is the balance heuristic. Drawing and weighing are jitted
+apart, in a few large kernels, so that what several outputs share is computed once. A point's rays
+depend on its pixel, its sample numbers and the key alone.
 """
 
 from dataclasses import dataclass
@@ -74,8 +74,9 @@ def proposals(
 def tossed_proposal(
     light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
 ) -> Propose:
-    """A single direction, from the environment or the BRDF by the toss of a coin: the density of what
-    results is the mean of the two.
+    """A single direction, from the environment or the BRDF by the toss of a coin.
+
+    The density of what results is the mean of the two.
     """
 
     def toss(points: ShadingPoints) -> Proposal:
@@ -125,8 +126,8 @@ def draw_brdf(
     reflectance: Reflectance,
 ) -> Components:
     """Directions in proportion to the reflectance model's sampling density."""
-    numbers = jnp.stack(numbers[:3], axis=-1)
-    return components(reflectance.sample(*points.per_sample(), numbers))
+    uniforms = jnp.stack(numbers[:3], axis=-1)
+    return components(reflectance.sample(*points.per_sample(), uniforms))
 
 
 @jax.jit
@@ -158,7 +159,5 @@ def weighed(
     radiance = light.environment.radiance.reshape(-1)
     texel = 3 * drawn.texel
     over = jnp.where(total > 0.0, 1.0 / jnp.where(total > 0.0, total, 1.0), 0.0)
-    weights = [
-        value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)
-    ]
+    weights = [value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)]
     return propose(directions, jnp.stack(weights, axis=-1), points)
