@@ -114,8 +114,8 @@ def frame_shares(
                     "method": name,
                     "spp": spp,
                     "frame s": frame,
-                    "Embree s": tracer.embree_seconds - seconds,
-                    "share": (tracer.embree_seconds - seconds) / frame,
+                    "Embree s": (tracer.embree_seconds - seconds) / tracer.threads,
+                    "share": (tracer.embree_seconds - seconds) / tracer.threads / frame,
                     "Mrays traced": (tracer.rays_traced - rays) / 1e6,
                 }
         rows.append(best)

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from jaxvis import specs
 from jaxvis.errors import JaxvisWarning
 
 if TYPE_CHECKING:
@@ -135,8 +136,7 @@ def _names_a_light(source: str) -> bool:
     from jaxvis.lighting import BUILTIN
 
     path = Path(source)
-    name = source.partition(":")[0]
-    return name in BUILTIN or path.suffix.lower() in LIGHT_FILES or path.is_dir()
+    return specs.name_of(source) in BUILTIN or path.suffix.lower() in LIGHT_FILES or path.is_dir()
 
 
 def _fact(value: Any) -> str:

@@ -6,7 +6,6 @@ folder, and refused unless its SHA-256 is the known one. Files that were convert
 upstream have no address: they are found in ``JAXVIS_DATA`` only.
 """
 
-import difflib
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Literal
 
 import pooch
 
+from jaxvis import specs
 from jaxvis.cache import cache_folder
 
 Kind = Literal["scene", "probe"]
@@ -154,9 +154,7 @@ def describe(name: str) -> Dataset:
         ValueError: there is no such data set; the message lists those that there are.
     """
     if name not in _BY_NAME:
-        close = difflib.get_close_matches(name, _BY_NAME, n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        raise ValueError(f"unknown data set {name!r}: {hint}known are {', '.join(_BY_NAME)}")
+        raise ValueError(specs.unknown(name, _BY_NAME, "data set"))
     return _BY_NAME[name]
 
 

@@ -121,6 +121,11 @@ def glb(image: str | None = None) -> bytes:
     )
 
 
+def textured(folder: Path, image: str) -> Path:
+    (folder / "textured.glb").write_bytes(glb(image))
+    return folder / "textured.glb"
+
+
 def value_at(index: tuple, value: float) -> Callable[[np.ndarray], None]:
     def change(pixels: np.ndarray) -> None:
         pixels[index] = value
@@ -153,6 +158,8 @@ BAD_MESHES = {
     "face index out of range": text_file("index.obj", f"{CORNERS}f 1 2 9\n"),
     "NaN vertex": text_file("nan.obj", GOOD.replace("v 1 0 1", "v nan 0 1")),
     "infinite vertex": text_file("inf.obj", GOOD.replace("v 1 0 1", "v inf 0 1")),
+    "missing texture": lambda folder: textured(folder, "gone.png"),
+    "damaged texture": lambda folder: textured(folder, "data:image/png;base64,aGVsbG8="),
     "not a height field": text_file("terrain.npz", "no zip"),
 }
 

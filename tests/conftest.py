@@ -1,9 +1,23 @@
-"""Array annotations are checked (jaxtyping, beartype) in tests only."""
+"""Array annotations are checked (jaxtyping, beartype) in tests only; caches of their own."""
 
 import os
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
+import jax
+import pytest
 from jaxtyping import install_import_hook
 
 install_import_hook("jaxvis", "beartype.beartype")
+
+
+@pytest.fixture(scope="module")
+def own_caches(tmp_path_factory):
+    """References and compiled programs of a module's tests stay out of the user's cache."""
+    folder = tmp_path_factory.mktemp("cache")
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAXVIS_CACHE", str(folder))
+        yield folder
+    jax.config.update("jax_compilation_cache_dir", before)

@@ -7,27 +7,25 @@ import base64
 import json
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 
 from jaxvis import cli
 from jaxvis.image import write_image
-from tests.bad_files import BAD_LIGHTS, BAD_MESHES, GOOD, glb, good_light, good_mesh, text_file
+from tests.bad_files import (
+    BAD_LIGHTS,
+    BAD_MESHES,
+    GOOD,
+    good_light,
+    good_mesh,
+    text_file,
+    textured,
+)
 
-pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")  # they would be more lines
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_caches(tmp_path_factory):
-    """References and compiled programs of these tests stay out of the user's cache."""
-    folder = tmp_path_factory.mktemp("cache")
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAXVIS_CACHE", str(folder))
-        yield folder
-    jax.config.update("jax_compilation_cache_dir", before)
+pytestmark = [
+    pytest.mark.usefixtures("own_caches"),
+    pytest.mark.filterwarnings("error::RuntimeWarning"),  # they would be more lines
+]
 
 
 def _refused(capsys: pytest.CaptureFixture, out: Path, *arguments: str) -> str:
@@ -194,21 +192,10 @@ def test_meshes_that_are_mended_or_work(mesh, counted, tmp_path, capsys):
         assert counted in errors
 
 
-def test_a_missing_texture_gives_way_to_its_constant_colour(tmp_path, capsys):
-    path = tmp_path / "textured.glb"
-    path.write_bytes(glb("gone.png"))
-    assert cli.main([*RENDER, "--scene", str(path), "--out", str(tmp_path / "out")]) == 0
-    errors = capsys.readouterr().err
-    assert errors.startswith(f"jaxvis: warning: {path}: ")
-    assert errors.count("\n") == 1
-    assert "gone.png" in errors
-
-
 def test_embedded_texture_is_fine(tmp_path, capsys):
     write_image(tmp_path / "red.png", np.array([[[1.0, 0.0, 0.0]]], np.float32))
     data = base64.b64encode((tmp_path / "red.png").read_bytes()).decode()
-    path = tmp_path / "textured.glb"
-    path.write_bytes(glb(f"data:image/png;base64,{data}"))
+    path = textured(tmp_path, f"data:image/png;base64,{data}")
     assert cli.main([*RENDER, "--scene", str(path), "--out", str(tmp_path / "out")]) == 0
     assert capsys.readouterr().err == ""
 

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import warnings
 
-import jax
 import numpy as np
 import pytest
 
@@ -15,20 +14,10 @@ from jaxvis.errors import JaxvisWarning
 from jaxvis.image import read_image
 from jaxvis.scene import Camera
 
+pytestmark = pytest.mark.usefixtures("own_caches")
+
 SMALL = ["--scene", "sphere-on-plane", "--environment", "uniform", "--size", "16", "12"]
 COMPARE = ["compare", *SMALL, "--reference", "reference"]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_caches(tmp_path_factory):
-    """References and compiled programs of these tests stay out of the user's cache."""
-    folder = tmp_path_factory.mktemp("cache")
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAXVIS_CACHE", str(folder))
-        yield folder
-    jax.config.update("jax_compilation_cache_dir", before)
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ def test_local_folder_comes_first(monkeypatch, tmp_path):
 
 
 def test_unknown_name_suggests():
-    with pytest.raises(ValueError, match=r"unknown data set 'dukc': did you mean 'duck'\?"):
+    with pytest.raises(ValueError, match=r"unknown data set 'dukc': did you mean duck\?"):
         datasets.find("dukc")
 
 

@@ -12,6 +12,8 @@ LAYERS = [
     "errors",
     "chunks",
     "cache",
+    "specs",
+    "pixels",
     "datasets",
     "sphere",
     "sampling",

@@ -1,7 +1,6 @@
 """One method on one setting: its image, its errors, its times and its counts."""
 
 import dataclasses
-import inspect
 import math
 import statistics
 import time
@@ -71,12 +70,12 @@ def measure(
     light, first_light_s = _timed(lambda: method.light(setting.environment))
     light, light_s = _timed(lambda: method.light(setting.environment))
 
-    def shade(**settings: Any) -> jax.Array:
-        return method.shade(visibility, light, setting.surface, key=key, **settings)
+    def shade(progress: bool = False) -> jax.Array:
+        return method.shade(visibility, light, setting.surface, key=key, progress=progress)
 
     tell("shade")
     rays_before = rays_traced(visibility)
-    radiance, first_s = _timed(lambda: shade(**progress_setting(method, progress)))
+    radiance, first_s = _timed(lambda: shade(progress))
     rays = rays_traced(visibility) - rays_before
     image = finite_image(radiance)
     tell("time")
@@ -137,12 +136,6 @@ def _warm_times(function: Callable[[], Any]) -> list[float]:
     while not times or (len(times) < FRAMES and sum(times) < SECONDS):
         times.append(_timed(function)[1])
     return times
-
-
-def progress_setting(method: Method, progress: bool) -> dict[str, bool]:
-    """``{"progress": progress}`` for methods whose ``shade`` can show a bar, else nothing."""
-    accepted = "progress" in inspect.signature(method.shade).parameters
-    return {"progress": progress} if accepted else {}
 
 
 def rays_traced(visibility: Any) -> int:

@@ -8,7 +8,7 @@ import jax
 from tqdm import tqdm
 
 from jaxvis.compare.compilation import use_compilation_cache
-from jaxvis.compare.measurement import Pixels, finite_image, progress_setting
+from jaxvis.compare.measurement import Pixels, finite_image
 from jaxvis.compare.result import composite
 from jaxvis.compare.setting import Setting, checked_count, checked_exposure
 from jaxvis.image import exposure_of
@@ -58,9 +58,8 @@ def render(
         light = jax.block_until_ready(method.light(setting.environment))
         bar.update()
         bar.set_description("shade")
-        settings = progress_setting(method, progress)
         radiance = finite_image(
-            method.shade(visibility, light, setting.surface, key=key, **settings)
+            method.shade(visibility, light, setting.surface, key=key, progress=progress)
         )
         bar.update()
     if exposure is None:

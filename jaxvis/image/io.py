@@ -8,6 +8,7 @@ import OpenImageIO as oiio
 from jaxtyping import Array, Float, Float32
 
 from jaxvis.cache import whole_file
+from jaxvis.pixels import first_line, read_stored
 
 FORMATS = (".exr", ".hdr", ".pfm", ".png")
 
@@ -41,18 +42,18 @@ def write_image(
     elif suffix == ".exr":
         spec.attribute("compression", "zip")
     elif suffix == ".pfm":
-        # Rows go from bottom to top. OpenImageIO 3.2 turns a tall image over in blocks and only
-        # sometimes back when reading, so it is told to leave the rows alone both ways.
+        # Rows go from bottom to top. OpenImageIO 3.2 turns a tall image over in blocks only, so it
+        # is told to leave the rows alone, as for reading.
         spec.attribute("pnm:pfmflip", 0)
         values = np.ascontiguousarray(values[::-1])
     with whole_file(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
         if output is None:
-            raise OSError(f"{path}: cannot be written ({_first_line(oiio.geterror())})")
+            raise OSError(f"{path}: cannot be written ({first_line(oiio.geterror())})")
         if not (
             output.open(str(temporary), spec) and output.write_image(values) and output.close()
         ):
-            raise OSError(f"{path}: cannot be written ({_first_line(output.geterror())})")
+            raise OSError(f"{path}: cannot be written ({first_line(output.geterror())})")
 
 
 def read_image(path: str | os.PathLike) -> Float32[np.ndarray, "height width channels"]:
@@ -63,22 +64,8 @@ def read_image(path: str | os.PathLike) -> Float32[np.ndarray, "height width cha
         ValueError: another suffix, or a file that is damaged.
     """
     path = Path(path)
-    suffix = _known_suffix(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    config = oiio.ImageSpec()
-    config.attribute("pnm:pfmflip", 0)
-    source = oiio.ImageInput.open(str(path), config)
-    if source is None:
-        raise ValueError(f"{path}: not a readable {suffix} image ({_first_line(oiio.geterror())})")
-    pixels = source.read_image(oiio.TypeFloat)
-    problem = source.geterror()
-    source.close()
-    if pixels is None or problem:
-        raise ValueError(f"{path}: truncated or damaged image ({_first_line(problem)})")
-    pixels = np.asarray(pixels, np.float32)
-    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-    return pixels[::-1] if suffix == ".pfm" else pixels
+    _known_suffix(path)
+    return read_stored(path)[0]
 
 
 def _known_suffix(path: Path) -> str:
@@ -86,7 +73,3 @@ def _known_suffix(path: Path) -> str:
     if suffix not in FORMATS:
         raise ValueError(f"{path}: unknown image format; use one of {', '.join(FORMATS)}")
     return suffix
-
-
-def _first_line(text: str) -> str:
-    return text.strip().splitlines()[0] if text.strip() else "no reason given"

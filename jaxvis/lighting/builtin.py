@@ -7,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxvis import specs
 from jaxvis.lighting import resampling
 from jaxvis.lighting.environment import Environment
 from jaxvis.lighting.sky import sky
@@ -57,7 +58,7 @@ BUILTIN = {"sky": sky, "windows": windows, "uniform": uniform}
 
 def is_built_in(source: object) -> bool:
     """Whether ``source`` is a built-in's name, with or without parameters."""
-    return isinstance(source, str) and source.partition(":")[0] in BUILTIN
+    return isinstance(source, str) and specs.name_of(source) in BUILTIN
 
 
 def built_in(source: str, height: int | None = None) -> Environment:
@@ -68,21 +69,15 @@ def built_in(source: str, height: int | None = None) -> Environment:
     Raises:
         ValueError: an unknown name or parameter, or a value that does not fit; says what would.
     """
-    name, _, text = source.partition(":")
+    name = specs.name_of(source)
     if name not in BUILTIN:
         raise ValueError(f"no built-in environment {name!r}: use one of {', '.join(BUILTIN)}")
-    parameters = inspect.signature(BUILTIN[name]).parameters
+    known = inspect.signature(BUILTIN[name]).parameters
+    texts = specs.parameters_of(source, "environment")
+    specs.check_parameters(texts, known, f"environment {name!r}")
     given: dict[str, Any] = {} if height is None else {"height": height}
-    for assignment in filter(None, text.split(",")):
-        parameter, equals, value = (part.strip() for part in assignment.partition("="))
-        if not equals:
-            raise ValueError(f"environment {source!r}: {assignment!r} is not parameter=value")
-        if parameter not in parameters:
-            raise ValueError(
-                f"environment {name!r} has no parameter {parameter!r}; "
-                f"it has {', '.join(parameters)}"
-            )
-        kind = type(parameters[parameter].default)
+    for parameter, value in texts.items():
+        kind = type(known[parameter].default)
         try:
             given[parameter] = kind(value)
         except ValueError:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import Float
 
 from jaxvis.errors import InvalidEnvironment
+from jaxvis.pixels import read_stored
 
 SUFFIXES = (".hdr", ".exr", ".pfm")
 
@@ -28,32 +28,20 @@ def read_pixels(path: Path) -> Float[np.ndarray, "height width 3"]:
         InvalidEnvironment: an unknown format, a damaged or truncated file, or channels that are
             not colours.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.suffix.lower() not in SUFFIXES:
+    if path.is_file() and path.suffix.lower() not in SUFFIXES:
         raise InvalidEnvironment(
             f"{path}: not a light probe; give one of {', '.join(SUFFIXES)} (linear radiance)"
         )
-    config = oiio.ImageSpec()
-    config.attribute("pnm:pfmflip", 0)  # OpenImageIO 3.2 turns .pfm rows over only sometimes
-    source = oiio.ImageInput.open(str(path), config)
-    if source is None:
-        raise InvalidEnvironment(f"{path}: cannot be read ({_first_line(oiio.geterror())})")
-    spec = source.spec()
-    pixels = source.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
-    problem = source.geterror()
-    source.close()
-    if pixels is None or problem:
-        raise InvalidEnvironment(f"{path}: truncated or damaged ({_first_line(problem)})")
+    try:
+        pixels, spec = read_stored(path)
+    except ValueError as error:
+        raise InvalidEnvironment(str(error)) from error
     if (spec.full_width, spec.full_height) != (spec.width, spec.height):
         raise InvalidEnvironment(
             f"{path}: holds {spec.width} x {spec.height} pixels of a {spec.full_width} x "
             f"{spec.full_height} picture; save it without crop or overscan"
         )
-    pixels = np.asarray(pixels, np.float64).reshape(spec.height, spec.width, spec.nchannels)
-    if path.suffix.lower() == ".pfm":
-        pixels = pixels[::-1]
-    pixels = _upright(pixels, spec.get_int_attribute("Orientation", 1))
+    pixels = _upright(pixels.astype(np.float64), spec.get_int_attribute("Orientation", 1))
     return as_rgb(pixels[..., _colour_channels(spec.channelnames, path)], str(path))
 
 
@@ -128,7 +116,3 @@ def _upright(
     if orientation in (3, 4, 7, 8):
         pixels = pixels[::-1]
     return pixels
-
-
-def _first_line(text: str) -> str:
-    return text.strip().splitlines()[0] if text.strip() else "no reason given"

@@ -1,6 +1,5 @@
 """What may stand for a light probe, read: names, files, six files, arrays."""
 
-import difflib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxvis import datasets
+from jaxvis import datasets, specs
 from jaxvis.errors import InvalidEnvironment
 from jaxvis.lighting import files, layouts
 from jaxvis.lighting.builtin import BUILTIN
@@ -67,20 +66,11 @@ def _locate(source: str | os.PathLike) -> Path:
     path = Path(source).expanduser()
     if path.exists() or _is_pattern(path):
         return path
-    if isinstance(source, os.PathLike) or path.suffix or len(path.parts) > 1:
-        folder = path.parent
-        siblings = [p.name for p in folder.iterdir()] if folder.is_dir() else []
-        raise FileNotFoundError(f"{path}: no such file; {_close(path.name, siblings)}".rstrip("; "))
+    if specs.is_file_name(source):
+        raise specs.no_such_file(path)
     known = (*BUILTIN, *datasets.names("probe"))
-    raise ValueError(
-        f"unknown environment {source!r}: {_close(source.partition(':')[0], known)} "
-        f"known are {', '.join(known)}, and {', '.join(files.SUFFIXES)} files"
-    )
-
-
-def _close(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
-    return f"did you mean {' or '.join(close)}?" if close else ""
+    unknown = specs.unknown(str(source), known, "environment")
+    raise ValueError(f"{unknown}, and {', '.join(files.SUFFIXES)} files")
 
 
 def _is_pattern(path: Path) -> bool:

@@ -32,9 +32,18 @@ class Method(ABC):
 
     @abstractmethod
     def shade(
-        self, visibility: Any, light: Any, surface: Surface, *, key: jax.Array | None = None
+        self,
+        visibility: Any,
+        light: Any,
+        surface: Surface,
+        *,
+        key: jax.Array | None = None,
+        progress: bool = False,
     ) -> Float[Array, "height width 3"]:
-        """Linear radiance that each pixel sends to the camera; 0 where it sees no scene."""
+        """Linear radiance that each pixel sends to the camera; 0 where it sees no scene.
+
+        ``progress`` allows a bar to methods that take their time.
+        """
 
     @abstractmethod
     def evaluations(self, visibility: Any, light: Any, surface: Surface) -> int:

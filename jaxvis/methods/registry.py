@@ -1,12 +1,12 @@
 """The methods by name, with parameters in the name: ``mc-mis:spp=16,compensation=true``."""
 
 import dataclasses
-import difflib
 import types
 import typing
 from collections.abc import Sequence
 from typing import Any
 
+from jaxvis import specs
 from jaxvis.methods.base import Method
 
 
@@ -73,25 +73,18 @@ def create(spec: str | Method, **overrides: Any) -> Method:
     """
     if isinstance(spec, Method):
         return spec
-    name, _, text = spec.partition(":")
+    name = specs.name_of(spec)
     if name not in _ENTRIES:
-        close = difflib.get_close_matches(name, _ENTRIES, n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        raise ValueError(f"unknown method {name!r}: {hint}known are {', '.join(_ENTRIES)}")
+        raise ValueError(specs.unknown(spec, _ENTRIES, "method"))
     entry = _ENTRIES[name]
     fields = entry.defaults()
-    given: dict[str, Any] = {}
-    for assignment in filter(None, text.split(",")):
-        parameter, equals, value = (part.strip() for part in assignment.partition("="))
-        if not equals:
-            raise ValueError(f"method {spec!r}: {assignment!r} is not parameter=value")
-        if parameter not in fields:
-            raise ValueError(
-                f"method {name!r} has no parameter {parameter!r}; "
-                f"it has {', '.join(fields) or 'none'}"
-            )
-        annotation = typing.get_type_hints(entry.cls)[parameter]
-        given[parameter] = _parse(value, annotation, f"method {name!r}: {parameter}")
+    texts = specs.parameters_of(spec, "method")
+    specs.check_parameters(texts, fields, f"method {name!r}")
+    annotations = typing.get_type_hints(entry.cls)
+    given = {
+        parameter: _parse(value, annotations[parameter], f"method {name!r}: {parameter}")
+        for parameter, value in texts.items()
+    }
     for parameter, value in overrides.items():
         if parameter in fields and value is not None:
             given.setdefault(parameter, value)
@@ -106,19 +99,19 @@ def parse_list(text: str | Sequence[str]) -> list[str]:
         return list(text)
     if text.strip() == "all":
         return [name for name in _ENTRIES if name != "reference"]
-    specs: list[str] = []
+    found: list[str] = []
     for part in (part.strip() for part in text.split(",")):
         if not part:
             continue
         if "=" in part and ":" not in part:
-            if not specs or ":" not in specs[-1]:
+            if not found or ":" not in found[-1]:
                 raise ValueError(f"methods {text!r}: {part!r} follows no method")
-            specs[-1] += f",{part}"
+            found[-1] += f",{part}"
         else:
-            specs.append(part)
-    if not specs:
+            found.append(part)
+    if not found:
         raise ValueError("no methods given; `jaxvis methods` lists them")
-    return specs
+    return found
 
 
 def _parse(value: str, annotation: Any, what: str) -> Any:

@@ -6,8 +6,10 @@ through.
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -22,12 +24,12 @@ from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.scene.rays import offset_origins
 from jaxvis.sphere.frames import dot
 
-RAYS_PER_BLOCK = 1 << 17
+RAYS_PER_BLOCK = 1 << 16
 """Rays in one call of the jitted stages. Fixed, so that each point meets the same machine code and
 gives the same bits whatever the chunk."""
 
-RAYS_PER_CHUNK = 1 << 18
-"""Rays proposed before they are traced: about 25 bytes each in memory, and at least one block."""
+RAYS_PER_CHUNK = 1 << 17
+"""Rays that a thread proposes before it traces them, in whole blocks: about 60 bytes each."""
 
 
 @jax.tree_util.register_dataclass
@@ -157,7 +159,8 @@ def trace_and_sum(
     Args:
         proposals: functions of a block of points, made of jitted stages, each of which gives up to
             ``samples`` rays a point; a point's rays must not depend on the other points.
-        rays_per_chunk: how many rays are proposed ahead of tracing. Results do not depend on it.
+        rays_per_chunk: how many rays a thread proposes ahead of tracing, rounded to whole blocks:
+            bounds memory. Results do not depend on it.
         advance: called with the number of points done.
 
     Raises:
@@ -170,18 +173,27 @@ def trace_and_sum(
     block = block_points(count, samples)
     padded = jax.tree.map(lambda leaf: _pad(leaf, -count % block), points)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
-    for first in range(0, count, chunk):
+
+    def shade_chunk(first: int) -> int:
         starts = range(first, min(first + chunk, count), block)
         blocks = [_slice(padded, start, block) for start in starts]
         for propose_rays in proposals:
-            # JAX returns at once and computes the later blocks while the first ones are traced.
             proposed = [propose_rays(part) for part in blocks]
             for start, part, rays in zip(starts, blocks, proposed, strict=True):
                 inside = min(block, count - start)
                 visible = _trace(tracer, part, rays, inside)
                 total = np.asarray(_sum(rays.weights, visible))
                 radiance[start : start + inside] += total[:inside]
-        advance(min(chunk, count - first))
+        return min(chunk, count - first)
+
+    # Each thread takes a chunk through all stages, so that none waits for another. The first chunk
+    # goes alone: it compiles.
+    firsts = iter(range(0, count, chunk))
+    for first in islice(firsts, 1):
+        advance(shade_chunk(first))
+    with ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-shading") as pool:
+        for done in pool.map(shade_chunk, firsts):
+            advance(done)
     return radiance
 
 

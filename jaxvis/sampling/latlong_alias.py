@@ -77,11 +77,18 @@ class EnvironmentSampler:
             down = down - jnp.floor(down)
         else:
             raise ValueError(f"uniforms: 2, 3 or 4 a direction, got {uniforms.shape[-1]}")
+        return EnvironmentSample(self.inside(texel, across, down), texel, self.texel_pdf(texel))
+
+    def inside(
+        self,
+        texel: Int[Array, "*points"],
+        across: Float[Array, "*points"],
+        down: Float[Array, "*points"],
+    ) -> Float[Array, "*points 3"]:
+        """Unit directions at fractions of u and of cos theta of texels row * width + column."""
         width = self.density.shape[1]
         row = texel // width
-        column = texel - row * width
-        directions = latlong_texels.inside(row, column, across, down, self.bounds, width)
-        return EnvironmentSample(directions, texel, self.texel_pdf(texel))
+        return latlong_texels.inside(row, texel - row * width, across, down, self.bounds, width)
 
     def texel_pdf(self, texel: Int[Array, "*points"]) -> Float[Array, "*points"]:
         """Density per steradian in texels row * width + column."""

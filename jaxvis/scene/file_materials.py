@@ -24,6 +24,7 @@ class Losses:
     """What the conversion could not keep, counted over the materials of one file."""
 
     missing_textures: list[str] = field(default_factory=list)
+    """Names of materials with a texture that cannot be had."""
     transparent: list[str] = field(default_factory=list)
     transparent_texels: int = 0
     normal_maps: int = 0

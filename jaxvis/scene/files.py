@@ -5,6 +5,7 @@ import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import PIL.Image
@@ -34,16 +35,23 @@ def load_mesh_file(path: Path, name: str) -> Scene:
     Kd and Ks are linear.
 
     Raises:
-        InvalidScene: the file cannot be read, or holds no triangles.
+        InvalidScene: the file cannot be read, holds no triangles, or lacks a texture.
     """
     resolver = _Resolver(str(path))
     loaded = _read(path, resolver)
+    _refuse_missing_images(resolver, path)
     header = _header(path)
     parts = _parts(loaded, path)
-    losses = Losses(missing_textures=[str(file) for file in resolver.missing])
+    losses = Losses()
     exact = _exact_materials(loaded, header)
     sources, materials, ids = _materials(parts, exact, losses)
-    notes = _report(losses, path)
+    if losses.missing_textures:
+        which = ", ".join(name or "unnamed" for name in losses.missing_textures[:5])
+        raise InvalidScene(
+            f"{path}: textures of {len(losses.missing_textures)} materials ({which}) are missing, "
+            "damaged or of an unknown format; mend them or take them out of the materials"
+        )
+    notes = _report(losses, resolver.missing, path)
     others = len(loaded.geometry) - len({part.geometry for part in parts})
     if others:
         notes.append(f"left out {others} parts that are points or lines, or not in the scene graph")
@@ -73,21 +81,44 @@ class _Part:
 
 
 class _Resolver(FilePathResolver):
-    """Finds the files that a mesh file refers to, and keeps the names of unusable ones."""
+    """Finds the files that a mesh file refers to, and keeps the names of unusable ones.
+
+    Names may be encoded as in URIs (glTF), have backslashes (MTL of Windows programs), and lead out
+    of the mesh's folder.
+    """
 
     def __init__(self, source: str) -> None:
         super().__init__(source)
+        self.allow_anywhere = True  # trimesh 4 always does
         self.missing: list[str] = []
+        self.damaged: list[str] = []
 
     def get(self, name: str) -> bytes:
-        try:
-            data = super().get(name)
-            if Path(name).suffix.lower() in IMAGES:
-                PIL.Image.open(io.BytesIO(data)).close()
-        except (OSError, SyntaxError):
+        names = (name, unquote(name), name.replace("\\", "/"))
+        there = [n for n in names if (Path(self.parent) / n.strip()).is_file()]
+        if not there:
             self.missing.append(name)
-            raise
+            raise FileNotFoundError(f"{name}: no such file")
+        data = super().get(there[0])
+        if Path(name).suffix.lower() in IMAGES:
+            try:
+                PIL.Image.open(io.BytesIO(data)).close()
+            except (OSError, SyntaxError):
+                self.damaged.append(name)
+                raise
         return data
+
+
+def _refuse_missing_images(resolver: _Resolver, path: Path) -> None:
+    """Any file but a material library must be an image: others are missed while reading."""
+    missing = [name for name in resolver.missing if Path(name.strip()).suffix.lower() != ".mtl"]
+    for names, what in ((missing, "missing"), (resolver.damaged, "not readable images")):
+        if names:
+            which = ", ".join(sorted(set(names))[:5])
+            raise InvalidScene(
+                f"{path}: {len(set(names))} textures are {what} ({which}); restore them in "
+                f"{resolver.parent} or take them out of the materials"
+            )
 
 
 def _read(path: Path, resolver: _Resolver) -> trimesh.Scene:
@@ -220,15 +251,12 @@ def _materials(
     return sources, materials, np.concatenate(ids)
 
 
-def _report(losses: Losses, path: Path) -> list[str]:
-    """One line for each kind of loss; missing textures and transparency also warn."""
+def _report(losses: Losses, libraries: list[str], path: Path) -> list[str]:
+    """One line for each kind of loss; missing material libraries and transparency also warn."""
     loud, quiet = [], []
-    if losses.missing_textures:
-        which = ", ".join(sorted(set(losses.missing_textures))[:5])
-        loud.append(
-            f"{len(losses.missing_textures)} textures are missing or unreadable ({which}); "
-            "their constant colours stand in"
-        )
+    if libraries:
+        which = ", ".join(sorted(set(libraries)))
+        loud.append(f"the materials are missing ({which}); white diffuse stands in")
     if losses.transparent:
         which = ", ".join(losses.transparent[:5])
         loud.append(

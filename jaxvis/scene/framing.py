@@ -62,7 +62,8 @@ def object_camera(scene: Scene, *, aspect: float | int = 1.0) -> Camera:
     points = scene.positions
     if land:
         across = points[:, [0, 2]] / (0.5 * np.array([width, depth]))
-        points = points[np.sum(across**2, axis=-1) < LAND_SHOWN**2]
+        shown = np.sum(across**2, axis=-1) < LAND_SHOWN**2
+        points = points[shown] if shown.any() else points  # a coarse grid may have no vertex there
     return fit_camera(scene, points, towards, aspect=aspect)
 
 

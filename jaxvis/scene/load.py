@@ -1,13 +1,12 @@
 """A scene by name or file."""
 
 import ast
-import difflib
 import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from jaxvis import datasets
+from jaxvis import datasets, specs
 from jaxvis.scene.builtin import builtin_scene, builtin_scenes
 from jaxvis.scene.files import load_mesh_file
 from jaxvis.scene.scene import Scene
@@ -26,7 +25,7 @@ def load_scene(source: str | os.PathLike, *, two_sided: bool | None = None) -> S
     Raises:
         FileNotFoundError: ``source`` looks like a file and is not there.
         ValueError: ``source`` is no known name; the message suggests one.
-        InvalidScene: the file is damaged or holds no usable mesh.
+        InvalidScene: the file is damaged, lacks a texture or holds no usable mesh.
     """
     scene = _load(source)
     if two_sided is None:
@@ -36,9 +35,10 @@ def load_scene(source: str | os.PathLike, *, two_sided: bool | None = None) -> S
 
 def _load(source: str | os.PathLike) -> Scene:
     if isinstance(source, str):
-        name, _, text = source.partition(":")
+        name = specs.name_of(source)
         if name in builtin_scenes():
-            return _builtin(source, name, text)
+            texts = specs.parameters_of(source, "scene")
+            return builtin_scene(name, **{key: _value(text) for key, text in texts.items()})
         if source in datasets.names("scene"):
             return _load_file(datasets.find(source), source)
         if name in datasets.names("scene"):
@@ -48,23 +48,16 @@ def _load(source: str | os.PathLike) -> Scene:
         return _load_file(path, path.stem)
     if path.is_dir():
         raise FileNotFoundError(f"{path} is a folder; give the mesh file in it")
-    raise _unknown(source, path)
+    if specs.is_file_name(source):
+        raise specs.no_such_file(path)
+    known = (*builtin_scenes(), *datasets.names("scene"))
+    raise ValueError(specs.unknown(str(source), known, "scene"))
 
 
 def _load_file(path: Path, name: str) -> Scene:
     if path.suffix.lower() == ".npz":
         return load_height_field(path, name)
     return load_mesh_file(path, name)
-
-
-def _builtin(source: str, name: str, text: str) -> Scene:
-    parameters: dict[str, Any] = {}
-    for assignment in filter(None, text.split(",")):
-        parameter, equals, value = (part.strip() for part in assignment.partition("="))
-        if not equals or not parameter.isidentifier():
-            raise ValueError(f"scene {source!r}: {assignment!r} is not parameter=value")
-        parameters[parameter] = _value(value)
-    return builtin_scene(name, **parameters)
 
 
 def _value(text: str) -> Any:
@@ -75,18 +68,3 @@ def _value(text: str) -> Any:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
         return text
-
-
-def _unknown(source: str | os.PathLike, path: Path) -> Exception:
-    if isinstance(source, os.PathLike) or path.suffix or len(path.parts) > 1:
-        folder = path.parent
-        if not folder.is_dir():
-            return FileNotFoundError(f"{path}: no such file, and no folder {folder}")
-        siblings = sorted(file.name for file in folder.iterdir() if file.is_file())
-        close = difflib.get_close_matches(path.name, siblings, n=3, cutoff=0.5)
-        hint = f"; did you mean {' or '.join(close)}?" if close else ""
-        return FileNotFoundError(f"{path}: no such file{hint}")
-    known = (*builtin_scenes(), *datasets.names("scene"))
-    close = difflib.get_close_matches(str(source).partition(":")[0], known, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}? " if close else ""
-    return ValueError(f"unknown scene {str(source)!r}: {hint}known are {', '.join(known)}")

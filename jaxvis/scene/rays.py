@@ -5,6 +5,7 @@ A tracer works in the scene's centred coordinates (float32).
 """
 
 import os
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -52,8 +53,8 @@ class RayTracer:
         triangles: vertex indices.
         threads: how many threads trace; all cores if None. Results do not depend on it.
 
-    ``rays_traced`` and ``embree_seconds`` count the rays so far and the time in Embree's own calls
-    (the mean over the threads).
+    ``rays_traced`` and ``embree_seconds`` count the rays so far and the time in Embree's own calls,
+    added up over the threads.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class RayTracer:
         self.threads = _core_count() if threads is None else threads
         if self.threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
+        self._lock = threading.Lock()
         self.rays_traced = 0
         self.embree_seconds = 0.0
         self._scene = EmbreeScene(robust=True)
@@ -97,7 +99,6 @@ class RayTracer:
             return seconds
 
         self._in_threads(trace, len(origins))
-        self.rays_traced += len(origins)
         return result
 
     def visible(
@@ -108,30 +109,27 @@ class RayTracer:
     ) -> Bool[np.ndarray, "points samples"]:
         """Which of the active rays leave the scene. Only active rays are traced; others are false.
 
-        ``directions`` are three arrays, one a component, as array code makes them fastest. The rays
-        are compacted in the tracing threads, block by block, while the block is in cache.
+        ``directions`` are three arrays, one a component, as array code makes them fastest. Traces
+        in the calling thread, for callers that keep several threads busy; the rays are compacted
+        block by block, while a block is in cache.
         """
         points, samples = active.shape
         components, active = [axis.reshape(-1) for axis in directions], active.reshape(-1)
         result = np.zeros(points * samples, bool)
-        traced = np.zeros(-(-points * samples // BLOCK), np.int64)
-
-        def trace(rays: slice) -> float:
-            chosen = np.flatnonzero(active[rays])
+        traced, seconds = 0, 0.0
+        for start in range(0, points * samples, BLOCK):
+            chosen = np.flatnonzero(active[start : start + BLOCK])
             if not len(chosen):
-                return 0.0
-            chosen += rays.start
+                continue
+            chosen += start
             compact = np.empty((len(chosen), 3), np.float32)
             for axis, component in enumerate(components):
                 compact[:, axis] = component.take(chosen)
             starts = origins.take(chosen // samples, axis=0)
-            answer, seconds = self._run(starts, compact, query="OCCLUDED")
+            answer, elapsed = self._run(starts, compact, query="OCCLUDED")
             result[chosen] = answer != 0
-            traced[rays.start // BLOCK] = len(chosen)
-            return seconds
-
-        self._in_threads(trace, points * samples)
-        self.rays_traced += int(traced.sum())
+            traced, seconds = traced + len(chosen), seconds + elapsed
+        self._count(traced, seconds)
         return result.reshape(points, samples)
 
     def closest_hit(
@@ -159,7 +157,6 @@ class RayTracer:
             return seconds
 
         self._in_threads(trace, count)
-        self.rays_traced += count
         return hits
 
     def _run(self, origins: np.ndarray, directions: np.ndarray, **query: Any) -> tuple[Any, float]:
@@ -172,9 +169,15 @@ class RayTracer:
         """Calls ``trace`` for each block of rays; it returns the seconds spent in Embree."""
         blocks = [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
         if self.threads == 1 or len(blocks) < 2:
-            self.embree_seconds += sum(map(trace, blocks))
+            seconds = sum(map(trace, blocks))
         else:
-            self.embree_seconds += sum(_pool(self.threads).map(trace, blocks)) / self.threads
+            seconds = sum(_pool(self.threads).map(trace, blocks))
+        self._count(count, seconds)
+
+    def _count(self, rays: int, seconds: float) -> None:
+        with self._lock:
+            self.rays_traced += rays
+            self.embree_seconds += seconds
 
 
 def _contiguous(array: Float[np.ndarray, "rays 3"]) -> Float32[np.ndarray, "rays 3"]:

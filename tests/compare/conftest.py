@@ -1,6 +1,5 @@
 """One small scene and light, and caches that stay out of the user's."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,15 +9,8 @@ from jaxvis.scene import Camera, build_scene
 
 
 @pytest.fixture(scope="module", autouse=True)
-def own_caches(tmp_path_factory):
-    """References and compiled programs of these tests stay out of the user's cache."""
-    folder = tmp_path_factory.mktemp("cache")
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAXVIS_CACHE", str(folder))
-        yield folder
-    jax.config.update("jax_compilation_cache_dir", before)
+def apart(own_caches):
+    """All these tests use the caches."""
 
 
 @pytest.fixture(scope="session")

@@ -54,7 +54,7 @@ class Grey(Method):
     def light(self, environment):
         return jnp.zeros(3)
 
-    def shade(self, visibility, light, surface, *, key=None):
+    def shade(self, visibility, light, surface, *, key=None, progress=False):
         visibility.rays.append(100)
         if self.trouble == "crashes":
             raise IndexError("list index out of range")

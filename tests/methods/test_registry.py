@@ -24,11 +24,12 @@ def test_overrides_fill_what_the_name_leaves_open():
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("mc-mi", r"unknown method 'mc-mi': did you mean 'mc-mis'\?.*mc-brdf"),
+        ("mc-mi", r"unknown method 'mc-mi': did you mean mc-mis\b.*mc-brdf"),
         ("", "unknown method ''"),
         ("mc-mis:ssp=3", "has no parameter 'ssp'; it has spp, compensation"),
         ("mc-mis:strategy=brdf", "has no parameter 'strategy'"),
         ("mc-mis:spp", "'spp' is not parameter=value"),
+        ("mc-mis:spp=1,spp=2", "spp is set twice"),
         ("mc-mis:spp=many", "spp must be int, got 'many'"),
         ("mc-mis:spp=0", "spp must be at least 1, got 0"),
         ("mc-mis:compensation=maybe", "compensation must be true or false, got 'maybe'"),

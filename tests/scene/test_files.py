@@ -227,8 +227,15 @@ def test_black_kd_beside_a_texture_is_white(tmp_path):
     check_four_colours(load_scene(path))
 
 
-@pytest.mark.parametrize("damage", ["missing", "not an image", "truncated"])
-def test_missing_texture_warns_and_the_constant_stands_in(tmp_path, damage):
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        ("missing", r"1 textures are missing \(four\.png\); restore them in "),
+        ("not an image", r"1 textures are not readable images \(four\.png\)"),
+        ("truncated", r"textures of 1 materials \(paint\) are missing, damaged or"),
+    ],
+)
+def test_unusable_texture_is_refused(tmp_path, damage, message):
     if damage == "not an image":
         (tmp_path / "four.png").write_bytes(b"hello")
     if damage == "truncated":
@@ -237,33 +244,59 @@ def test_missing_texture_warns_and_the_constant_stands_in(tmp_path, damage):
         data = (tmp_path / "four.png").read_bytes()
         (tmp_path / "four.png").write_bytes(data[: len(data) // 2])
     path = write_obj(tmp_path, "newmtl paint\nKd 0.5 0.5 0.5\nmap_Kd four.png\n")
-    with pytest.warns(JaxvisWarning, match="1 textures are missing or unreadable"):
-        scene = load_scene(path)
-    assert scene.materials[0].base_colour == (0.5, 0.5, 0.5)
-    assert scene.materials[0].base_colour_texture is None
-    assert any("missing" in note for note in scene.notes)
+    with pytest.raises(InvalidScene, match=message) as caught:
+        load_scene(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("written", ["../my maps/four.png", "..\\my maps\\four.png"])
+def test_mtl_textures_outside_the_folder_and_with_backslashes(tmp_path, written):
+    (tmp_path / "my maps").mkdir()
+    (tmp_path / "mesh").mkdir()
+    four_colours().save(tmp_path / "my maps" / "four.png")
+    check_four_colours(
+        load_scene(write_obj(tmp_path / "mesh", f"newmtl paint\nKd 1 1 1\nmap_Kd {written}\n"))
+    )
 
 
 def test_missing_mtl_warns(tmp_path):
-    with pytest.warns(JaxvisWarning, match=r"missing or unreadable \(square\.mtl\)"):
+    with pytest.warns(JaxvisWarning, match=r"materials are missing \(square\.mtl\)"):
         scene = load_scene(write_obj(tmp_path, None))
     assert scene.materials[0].base_colour == (0.8, 0.8, 0.8)
+    assert any("square.mtl" in note for note in scene.notes)
 
 
-def test_missing_gltf_texture_warns(tmp_path):
+def gltf_with_image(folder: Path, uri: str) -> Path:
+    """A square whose only image is at ``uri``; writes no image."""
     exported = trimesh.Scene(textured_square(baseColorTexture=four_colours())).export(
         file_type="gltf"
     )
     for name, data in exported.items():
         if not name.endswith(".png"):
-            (tmp_path / name).write_bytes(data)
-    text = (tmp_path / "model.gltf").read_text()
-    header = json.loads(text)
-    header["images"] = [{"uri": "gone.png"}]
-    (tmp_path / "model.gltf").write_text(json.dumps(header))
-    with pytest.warns(JaxvisWarning, match=r"textures are missing or unreadable .*gone\.png"):
-        scene = load_scene(tmp_path / "model.gltf")
-    assert scene.materials[0].base_colour == (1.0, 1.0, 1.0)
+            (folder / name).write_bytes(data)
+    header = json.loads((folder / "model.gltf").read_text())
+    header["images"] = [{"uri": uri}]
+    (folder / "model.gltf").write_text(json.dumps(header))
+    return folder / "model.gltf"
+
+
+def test_missing_gltf_texture_is_refused(tmp_path):
+    path = gltf_with_image(tmp_path, "gone.png")
+    with pytest.raises(InvalidScene, match=r"model\.gltf: 1 textures are missing \(gone\.png\)"):
+        load_scene(path)
+
+
+def test_gltf_names_are_uris(tmp_path):
+    path = gltf_with_image(tmp_path, "four%20colours.png")
+    four_colours().save(tmp_path / "four colours.png")
+    check_four_colours(load_scene(path))
+
+
+def test_damaged_embedded_texture_is_refused(tmp_path):
+    path = gltf_with_image(tmp_path, "data:image/png;base64,aGVsbG8=")
+    with pytest.raises(InvalidScene, match=r"textures of 1 materials \(.+\) are missing, damaged"):
+        load_scene(path)
 
 
 @pytest.mark.parametrize(("mode", "count"), [("MASK", 96), ("BLEND", 128)])

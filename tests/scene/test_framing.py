@@ -69,6 +69,14 @@ def test_land_fills_the_picture():
     assert camera.eye[1] > scene.bounds[1, 1]
 
 
+def test_land_without_a_vertex_in_its_middle_is_seen_whole():
+    corners = [[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]
+    scene = build_scene(corners, [[0, 2, 1], [0, 3, 2]])
+    camera = default_camera(scene)
+    assert camera.eye[1] > 0.0
+    assert np.abs(projected(scene, camera, 1.0)).max() < 1.0
+
+
 def test_a_closed_plate_is_not_land():
     plate = trimesh.creation.box((4.0, 0.2, 4.0))
     scene = build_scene(plate.vertices, plate.faces)

@@ -109,13 +109,31 @@ def draw_uniform(
     return components(to_world(local, points.normal[:, None, :]))
 
 
-@jax.jit
 def draw_environment(
     light: MonteCarloLight, numbers: tuple[Float[Array, "points samples"], ...]
 ) -> Drawn:
     """Directions in proportion to the environment's luminance."""
-    drawn = light.sampler.sample(jnp.stack(numbers, axis=-1))
-    return Drawn(components(drawn.directions), drawn.texel)
+    texel = draw_texel(light, numbers[0], numbers[1])
+    return Drawn(place_in_texel(light, texel, numbers[2], numbers[3]), texel)
+
+
+@jax.jit
+def draw_texel(
+    light: MonteCarloLight, u: Float[Array, "points samples"], v: Float[Array, "points samples"]
+) -> Int[Array, "points samples"]:
+    """Texels in proportion to luminance x solid angle."""
+    return light.sampler.table.sample(u, v)
+
+
+@jax.jit
+def place_in_texel(
+    light: MonteCarloLight,
+    texel: Int[Array, "points samples"],
+    u: Float[Array, "points samples"],
+    v: Float[Array, "points samples"],
+) -> Components:
+    """Directions uniform within texels."""
+    return components(light.sampler.inside(texel, u, v))
 
 
 @partial(jax.jit, static_argnames="reflectance")
@@ -138,7 +156,6 @@ def located(directions: Components, light: MonteCarloLight) -> Drawn:
     return Drawn(directions, row * width + column)
 
 
-@partial(jax.jit, static_argnames=("counts", "reflectance"))
 def weighed(
     light: MonteCarloLight,
     points: ShadingPoints,
@@ -148,16 +165,40 @@ def weighed(
     reflectance: Reflectance,
 ) -> Proposal:
     """BRDF x cosine x radiance / sum over the techniques of count x density."""
+    value, density = reflected(points, drawn.directions, reflectance=reflectance)
+    return divided(light, points, drawn, value, density, counts=counts)
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def reflected(
+    points: ShadingPoints, directions: Components, *, reflectance: Reflectance
+) -> tuple[Float[Array, "points samples 3"], Float[Array, "points samples"]]:
+    """BRDF x cosine and the BRDF's sampling density."""
+    return reflectance.evaluate_and_pdf(*points.per_sample(), jnp.stack(directions, axis=-1))
+
+
+@partial(jax.jit, static_argnames="counts")
+def divided(
+    light: MonteCarloLight,
+    points: ShadingPoints,
+    drawn: Drawn,
+    value: Float[Array, "points samples 3"],
+    density: Float[Array, "points samples"],
+    *,
+    counts: Counts,
+) -> Proposal:
+    """``value`` x radiance over the expected number of directions per steradian."""
     directions = jnp.stack(drawn.directions, axis=-1)
-    value, density = reflectance.evaluate_and_pdf(*points.per_sample(), directions)
     total = counts.brdf * density
     if counts.environment:
         total = total + counts.environment * light.sampler.texel_pdf(drawn.texel)
     if counts.uniform:
         cosine = dot(points.normal[:, None, :], directions)
         total = total + counts.uniform * pdf_uniform(cosine)
+    over = jnp.where(total > 0.0, 1.0 / jnp.where(total > 0.0, total, 1.0), 0.0)
     radiance = light.environment.radiance.reshape(-1)
     texel = 3 * drawn.texel
-    over = jnp.where(total > 0.0, 1.0 / jnp.where(total > 0.0, total, 1.0), 0.0)
-    weights = [value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)]
+    weights = [
+        value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)
+    ]
     return propose(directions, jnp.stack(weights, axis=-1), points)

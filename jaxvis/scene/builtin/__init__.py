@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
+from jaxvis import specs
 from jaxvis.scene.builtin.analytic import (
     box_on_plane,
     cap,
@@ -39,7 +40,7 @@ def builtin_scenes() -> tuple[str, ...]:
     return tuple(MAKERS)
 
 
-def builtin_scene(name: str, **parameters: Any) -> Scene:
+def builtin_scene(name: str, /, **parameters: Any) -> Scene:
     """Makes a built-in scene.
 
     Args:
@@ -50,13 +51,9 @@ def builtin_scene(name: str, **parameters: Any) -> Scene:
         ValueError: unknown name or parameter, or a value out of its range.
     """
     if name not in MAKERS:
-        raise ValueError(f"unknown built-in scene {name!r}; there are {', '.join(MAKERS)}")
+        raise ValueError(specs.unknown(name, MAKERS, "built-in scene"))
     known = inspect.signature(MAKERS[name]).parameters
-    for parameter in parameters:
-        if parameter not in known:
-            raise ValueError(
-                f"scene {name!r} has no parameter {parameter!r}; it takes {', '.join(known)}"
-            )
+    specs.check_parameters(parameters, known, f"scene {name!r}")
     try:
         return MAKERS[name](**parameters)
     except ValueError as error:
