@@ -19,8 +19,8 @@ def mitsuba_environment(environment: Environment) -> Float[np.ndarray, "rows col
     """The piecewise-constant map resampled to Mitsuba's pixel convention.
 
     Mitsuba's ``envmap`` puts row 0 on one pole and the last row on the other, columns at the
-    centres of equal steps, and interpolates bilinearly. Each texel becomes UPSAMPLING^2; a node on the
-    boundary between two rows takes their mean, which keeps their sum.
+    centres of equal steps, and interpolates bilinearly. Each texel becomes UPSAMPLING^2; a node on
+    the boundary between two rows takes their mean, which keeps their sum.
     """
     fine = np.asarray(environment.radiance).repeat(UPSAMPLING, axis=1)
     height = environment.height

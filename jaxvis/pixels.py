@@ -1,5 +1,6 @@
 """Pixels as image files store them, through OpenImageIO."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,21 @@ import OpenImageIO as oiio
 from jaxtyping import Float32
 
 
-def read_stored(path: Path) -> tuple[Float32[np.ndarray, "height width channels"], oiio.ImageSpec]:
-    """The pixels of a file, row 0 on top, integers as parts of 1, and what the file says of them.
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """The pixels of a file, and what it says of them."""
+
+    pixels: Float32[np.ndarray, "height width channels"]
+    """Row 0 on top; integers as parts of 1."""
+    channels: tuple[str, ...]
+    picture: tuple[int, int]
+    """Width and height of the picture that the pixels are of: all, unless it is cropped."""
+    orientation: int
+    """As Exif numbers them; 1 is upright."""
+
+
+def read_stored(path: Path) -> Stored:
+    """Reads the first picture of a file.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -29,7 +43,12 @@ def read_stored(path: Path) -> tuple[Float32[np.ndarray, "height width channels"
     if pixels is None or problem:
         raise ValueError(f"{path}: truncated or damaged ({first_line(problem)})")
     pixels = np.asarray(pixels, np.float32).reshape(spec.height, spec.width, spec.nchannels)
-    return pixels[::-1] if path.suffix.lower() == ".pfm" else pixels, spec
+    return Stored(
+        pixels[::-1] if path.suffix.lower() == ".pfm" else pixels,
+        tuple(spec.channelnames),
+        (spec.full_width, spec.full_height),
+        spec.get_int_attribute("Orientation", 1),
+    )
 
 
 def first_line(text: str) -> str:

@@ -11,9 +11,11 @@ def test_rows_of_pfm_come_top_first(tmp_path, height):
     values = np.arange(2 * height, dtype="<f4").reshape(height, 2, 1)
     path = tmp_path / "grey.PFM"
     path.write_bytes(f"Pf\n2 {height}\n-1.0\n".encode() + values[::-1].tobytes())
-    pixels, spec = read_stored(path)
-    np.testing.assert_array_equal(pixels, values)
-    assert (spec.width, spec.height, spec.nchannels) == (2, height, 1)
+    stored = read_stored(path)
+    np.testing.assert_array_equal(stored.pixels, values)
+    assert stored.picture == (2, height)
+    assert stored.orientation == 1
+    assert stored.channels == ("Y",)
 
 
 def test_refusals_are_one_line_with_the_path(tmp_path):

@@ -65,7 +65,7 @@ def read_image(path: str | os.PathLike) -> Float32[np.ndarray, "height width cha
     """
     path = Path(path)
     _known_suffix(path)
-    return read_stored(path)[0]
+    return read_stored(path).pixels
 
 
 def _known_suffix(path: Path) -> str:

@@ -33,16 +33,17 @@ def read_pixels(path: Path) -> Float[np.ndarray, "height width 3"]:
             f"{path}: not a light probe; give one of {', '.join(SUFFIXES)} (linear radiance)"
         )
     try:
-        pixels, spec = read_stored(path)
+        stored = read_stored(path)
     except ValueError as error:
         raise InvalidEnvironment(str(error)) from error
-    if (spec.full_width, spec.full_height) != (spec.width, spec.height):
+    height, width = stored.pixels.shape[:2]
+    if stored.picture != (width, height):
         raise InvalidEnvironment(
-            f"{path}: holds {spec.width} x {spec.height} pixels of a {spec.full_width} x "
-            f"{spec.full_height} picture; save it without crop or overscan"
+            f"{path}: holds {width} x {height} pixels of a {stored.picture[0]} x "
+            f"{stored.picture[1]} picture; save it without crop or overscan"
         )
-    pixels = _upright(pixels.astype(np.float64), spec.get_int_attribute("Orientation", 1))
-    return as_rgb(pixels[..., _colour_channels(spec.channelnames, path)], str(path))
+    pixels = _upright(stored.pixels.astype(np.float64), stored.orientation)
+    return as_rgb(pixels[..., _colour_channels(stored.channels, path)], str(path))
 
 
 def as_rgb(pixels: Float[np.ndarray, "..."], what: str) -> Float[np.ndarray, "height width 3"]:

@@ -169,9 +169,9 @@ class RayTracer:
         """Calls ``trace`` for each block of rays; it returns the seconds spent in Embree."""
         blocks = [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
         if self.threads == 1 or len(blocks) < 2:
-            seconds = sum(map(trace, blocks))
+            seconds = sum(map(trace, blocks), 0.0)
         else:
-            seconds = sum(_pool(self.threads).map(trace, blocks))
+            seconds = sum(_pool(self.threads).map(trace, blocks), 0.0)
         self._count(count, seconds)
 
     def _count(self, rays: int, seconds: float) -> None:

@@ -70,6 +70,8 @@ def test_unknown_names():
         builtin_scene("teacup")
     with pytest.raises(ValueError, match="'plane' has no parameter 'height'; it has size, cells"):
         builtin_scene("plane", height=2.0)
+    with pytest.raises(ValueError, match="'plane' has no parameter 'name'"):
+        builtin_scene("plane", name="other")
 
 
 def test_numbers_in_other_guises():

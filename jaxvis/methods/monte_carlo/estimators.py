@@ -198,7 +198,5 @@ def divided(
     over = jnp.where(total > 0.0, 1.0 / jnp.where(total > 0.0, total, 1.0), 0.0)
     radiance = light.environment.radiance.reshape(-1)
     texel = 3 * drawn.texel
-    weights = [
-        value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)
-    ]
+    weights = [value[..., c] * jnp.take(radiance, texel + c, mode="clip") * over for c in range(3)]
     return propose(directions, jnp.stack(weights, axis=-1), points)
