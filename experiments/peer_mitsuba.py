@@ -2,9 +2,9 @@
 
 First table: do the images agree? Mean ratio and RMSE over the pixels that are covered in both,
 beside the noise floor (what two renders with the noise of these would differ by). Second table:
-PSNR and seconds of both at 1 to 256 samples a pixel, each against its own converged image; a sample
-is one ray in jaxvis and two in Mitsuba, whose integrator traces one towards the light and one by the
-BRDF. Writes the images and the difference as PNG to --out.
+PSNR and seconds of both at 1 to 256 samples a pixel, each against its own converged image. A sample
+is one ray in jaxvis and two in Mitsuba, whose integrator traces one to the light and one by the
+BRDF. Writes the images and their difference as PNG to --out.
 """
 
 import argparse
@@ -105,7 +105,11 @@ def agreement(
     noise = np.hypot(a_error, b_error)
     ratios = a[inside].mean(axis=0) / b[inside].mean(axis=0)
     white = float(np.quantile(b[inside].max(axis=-1), 0.99))
-    shown = {"jaxvis": a, "mitsuba": b, "difference-x10": 0.5 * white + 10.0 * difference}
+    shown = {
+        "jaxvis": a,
+        "mitsuba": b,
+        "difference-x10": 0.5 * white + 10.0 * np.where(inside[..., None], difference, 0.0),
+    }
     for name, image in shown.items():
         path = Path(options.out) / f"{scene.name}-{material}-{name}.png"
         write_image(path, display(image, 1.0 / white))

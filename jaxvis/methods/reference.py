@@ -18,11 +18,14 @@ from jaxvis.errors import JaxvisWarning
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method
 from jaxvis.methods.traced import (
+    Components,
     Proposal,
     Propose,
     RayVisibility,
     ShadingPoints,
+    components,
     propose,
+    reflected,
     shading_points,
     to_image,
     trace_and_sum,
@@ -185,8 +188,9 @@ def _every_texel(
     """Radiance of each point: the sum over all texels."""
     directions, radiance = texel_lights(light.environment, subdivision)
     step = min(DIRECTIONS_PER_STAGE, len(directions))
+    lights = jnp.asarray(directions), jnp.asarray(radiance)
     proposals = [
-        partial(_towards, directions[i : i + step], radiance[i : i + step], reflectance=reflectance)
+        partial(_towards, *(part[i : i + step] for part in lights), reflectance=reflectance)
         for i in range(0, len(directions), step)
     ]
     return trace(proposals, step, "reference")
@@ -213,7 +217,6 @@ def texel_lights(
     return directions.astype(np.float32), flux.astype(np.float32)
 
 
-@partial(jax.jit, static_argnames="reflectance")
 def _towards(
     directions: Float[Array, "lights 3"],
     flux: Float[Array, "lights 3"],
@@ -222,9 +225,24 @@ def _towards(
     reflectance: Reflectance,
 ) -> Proposal:
     """The same directional lights for every point."""
-    shape = (len(points.normal), len(directions), 3)
-    value = reflectance.evaluate(*points.per_sample(), directions[None])
-    return propose(jnp.broadcast_to(directions, shape), value * flux, points)
+    everywhere = _everywhere(points, directions)
+    value, _ = reflected(points, everywhere, reflectance=reflectance)
+    return _scaled(points, everywhere, value, flux)
+
+
+@jax.jit
+def _everywhere(points: ShadingPoints, directions: Float[Array, "lights 3"]) -> Components:
+    return components(jnp.broadcast_to(directions, (len(points.normal), *directions.shape)))
+
+
+@jax.jit
+def _scaled(
+    points: ShadingPoints,
+    directions: Components,
+    value: Float[Array, "points lights 3"],
+    flux: Float[Array, "lights 3"],
+) -> Proposal:
+    return propose(jnp.stack(directions, axis=-1), value * flux, points)
 
 
 def _subset(
@@ -245,7 +263,7 @@ def _subset(
                 block = (jnp.asarray(u[i : i + step], jnp.float32) for u in uniforms)
                 on_light, on_brdf = block
                 proposals += [
-                    partial(_from_light, light, on_light, reflectance=reflectance),
+                    partial(_balanced, _drawn(light, on_light), reflectance=reflectance),
                     partial(_from_brdf, light, on_brdf, reflectance=reflectance),
                 ]
             sums.append(
@@ -269,24 +287,20 @@ def _subset(
     return radiance.astype(np.float32), error, 2 * REPLICATES * count
 
 
-@partial(jax.jit, static_argnames="reflectance")
-def _from_light(
-    light: ReferenceLight,
-    uniforms: Float[Array, "lights 2"],
-    points: ShadingPoints,
-    *,
-    reflectance: Reflectance,
-) -> Proposal:
-    """Directions through the environment's distribution, balanced against the BRDF's."""
-    directions = light.distribution.sample(uniforms)
-    radiance = light.environment.towards(directions)
-    density = light.distribution.pdf(directions)
-    value, other = reflectance.evaluate_and_pdf(*points.per_sample(), directions[None])
-    weights = value * radiance / jnp.maximum(density + other, 1e-30)[..., None]
-    return propose(jnp.broadcast_to(directions, weights.shape), weights, points)
+class _Lights(NamedTuple):
+    """Directional lights: radiance and the environment's sampling density along each."""
+
+    directions: Components
+    radiance: Components
+    density: Float[Array, "*#points lights"]
 
 
-@partial(jax.jit, static_argnames="reflectance")
+@jax.jit
+def _drawn(light: ReferenceLight, uniforms: Float[Array, "lights 2"]) -> _Lights:
+    """Directions through the environment's distribution, the same for every point."""
+    return _looked_up(light, components(light.distribution.sample(uniforms)))
+
+
 def _from_brdf(
     light: ReferenceLight,
     uniforms: Float[Array, "lights 3"],
@@ -295,11 +309,46 @@ def _from_brdf(
     reflectance: Reflectance,
 ) -> Proposal:
     """Directions through the BRDF's distribution, balanced against the environment's."""
-    seen = points.per_sample()
-    shape = (len(points.normal), len(uniforms), 3)
-    directions = reflectance.sample(*seen, jnp.broadcast_to(uniforms, shape))
-    radiance = light.environment.towards(directions)
-    value, density = reflectance.evaluate_and_pdf(*seen, directions)
-    other = light.distribution.pdf(directions)
-    weights = value * radiance / jnp.maximum(density + other, 1e-30)[..., None]
-    return propose(directions, weights, points)
+    directions = _reflect(points, uniforms, reflectance=reflectance)
+    return _balanced(_looked_up(light, directions), points, reflectance=reflectance)
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def _reflect(
+    points: ShadingPoints, uniforms: Float[Array, "lights 3"], *, reflectance: Reflectance
+) -> Components:
+    everywhere = jnp.broadcast_to(uniforms, (len(points.normal), *uniforms.shape))
+    return components(reflectance.sample(*points.per_sample(), everywhere))
+
+
+@jax.jit
+def _looked_up(light: ReferenceLight, directions: Components) -> _Lights:
+    height, width = light.distribution.density.shape
+    row, column = latlong.texel(jnp.stack(directions, axis=-1), height, width)
+    texel = row * width + column
+    radiance = light.environment.radiance.reshape(-1)
+    red, green, blue = (jnp.take(radiance, 3 * texel + c, mode="clip") for c in range(3))
+    density = jnp.take(light.distribution.density.reshape(-1), texel, mode="clip")
+    return _Lights(directions, (red, green, blue), density)
+
+
+def _balanced(lights: _Lights, points: ShadingPoints, *, reflectance: Reflectance) -> Proposal:
+    """Rays to the lights, weighted by the balance heuristic between environment and BRDF."""
+    shape = (len(points.normal), lights.density.shape[-1])
+    x, y, z = (jnp.broadcast_to(axis, shape) for axis in lights.directions)
+    value, density = reflected(points, (x, y, z), reflectance=reflectance)
+    return _divided(points, (x, y, z), lights, value, density)
+
+
+@jax.jit
+def _divided(
+    points: ShadingPoints,
+    directions: Components,
+    lights: _Lights,
+    value: Float[Array, "points lights 3"],
+    density: Float[Array, "points lights"],
+) -> Proposal:
+    """``value`` x radiance over the sum of both densities: the balance heuristic, 1 : 1."""
+    over = 1.0 / jnp.maximum(density + lights.density, 1e-30)
+    weights = [value[..., c] * lights.radiance[c] * over for c in range(3)]
+    return propose(jnp.stack(directions, axis=-1), jnp.stack(weights, axis=-1), points)

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxvis.cache import load_arrays, save_arrays
-from jaxvis.reflectance import MaterialValues
+from jaxvis.reflectance import MaterialValues, Reflectance
 from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.scene.rays import offset_origins
 from jaxvis.sphere.frames import dot
@@ -88,9 +88,7 @@ class ShadingPoints:
         return material, self.normal[:, None, :], self.view[:, None, :]
 
 
-Components = tuple[
-    Float[Array, "points samples"], Float[Array, "points samples"], Float[Array, "points samples"]
-]
+Components = tuple[Float[Array, "*rays"], Float[Array, "*rays"], Float[Array, "*rays"]]
 """Three arrays instead of one with a last axis of three: what XLA vectorises on a CPU."""
 
 
@@ -105,9 +103,20 @@ class Proposal(NamedTuple):
 Propose = Callable[[ShadingPoints], Proposal]
 
 
-def components(vectors: Float[Array, "points samples 3"]) -> Components:
+def components(vectors: Float[Array, "*rays 3"]) -> Components:
     """The vectors' three components."""
     return vectors[..., 0], vectors[..., 1], vectors[..., 2]
+
+
+@partial(jax.jit, static_argnames="reflectance")
+def reflected(
+    points: ShadingPoints, directions: Components, *, reflectance: Reflectance
+) -> tuple[Float[Array, "points samples 3"], Float[Array, "points samples"]]:
+    """BRDF x cosine and the BRDF's sampling density.
+
+    Jitted apart from what uses them: fused, XLA would evaluate the model once for each channel.
+    """
+    return reflectance.evaluate_and_pdf(*points.per_sample(), jnp.stack(directions, axis=-1))
 
 
 def propose(

@@ -15,7 +15,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt32
 
 from jaxvis.lighting import Environment
-from jaxvis.methods.traced import Components, Proposal, Propose, ShadingPoints, components, propose
+from jaxvis.methods.traced import (
+    Components,
+    Proposal,
+    Propose,
+    ShadingPoints,
+    components,
+    propose,
+    reflected,
+)
 from jaxvis.reflectance import Reflectance
 from jaxvis.sampling import EnvironmentSampler
 from jaxvis.sampling.hemisphere import pdf_uniform, sample_uniform
@@ -167,14 +175,6 @@ def weighed(
     """BRDF x cosine x radiance / sum over the techniques of count x density."""
     value, density = reflected(points, drawn.directions, reflectance=reflectance)
     return divided(light, points, drawn, value, density, counts=counts)
-
-
-@partial(jax.jit, static_argnames="reflectance")
-def reflected(
-    points: ShadingPoints, directions: Components, *, reflectance: Reflectance
-) -> tuple[Float[Array, "points samples 3"], Float[Array, "points samples"]]:
-    """BRDF x cosine and the BRDF's sampling density."""
-    return reflectance.evaluate_and_pdf(*points.per_sample(), jnp.stack(directions, axis=-1))
 
 
 @partial(jax.jit, static_argnames="counts")

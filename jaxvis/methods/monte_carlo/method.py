@@ -38,9 +38,9 @@ class MonteCarlo(Method):
 
     Strategies: ``uniform`` over the hemisphere; ``environment`` in proportion to luminance times
     solid angle, by an alias table over the texels; ``brdf`` in proportion to the reflectance
-    model's sampling density; ``mis``, half of the rays from each of the last two, weighted by the balance
-    heuristic (Veach and Guibas 1995). ``compensation`` sharpens the environment's density for
-    ``mis`` (Karlik et al. 2019, "MIS Compensation").
+    model's sampling density; ``mis``, half of the rays from each of the last two, weighted by the
+    balance heuristic (Veach and Guibas 1995). ``compensation`` sharpens the environment's density
+    for ``mis`` (Karlik et al. 2019, "MIS Compensation").
     """
 
     strategy: Strategy = "mis"
