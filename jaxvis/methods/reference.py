@@ -35,7 +35,8 @@ from jaxvis.sampling import LatLongDistribution
 from jaxvis.scene import Scene, Surface
 from jaxvis.sphere import latlong
 
-DIRECTIONS_PER_STAGE = 256
+DIRECTIONS_PER_STAGE = 64
+"""One shape for every stage, so that each is compiled once; no more than the first level has."""
 REPLICATES = 4
 """Independent scramblings whose spread tells the error."""
 FIRST_LEVEL, LAST_LEVEL = 6, 14

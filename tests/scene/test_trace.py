@@ -214,7 +214,7 @@ def test_shading_normals_face_the_viewer_along_silhouettes():
     mesh = trimesh.creation.icosphere(subdivisions=1)
     scene = build_scene(mesh.vertices, mesh.faces, crease_angle=np.pi)
     surface = trace_surface(
-        scene, Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), field_of_view=0.75), (64, 64)
+        scene, Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), field_of_view=0.75), (160, 160)
     )
     mask = np.asarray(surface.mask)
     corners = scene.triangles[np.asarray(surface.triangle)[mask]]
