@@ -41,7 +41,7 @@ def cosine_rays(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
     uniforms = jax.random.uniform(jax.random.key(0), (len(points.pixel), samples, 2))
     local = sample_cosine(uniforms)
     directions = np.asarray(to_world(local, points.geometric_normal[:, None]))
-    origins = np.repeat(points.origin, samples, axis=0)
+    origins = np.repeat(np.asarray(points.origin), samples, axis=0)
     return origins[:count], np.ascontiguousarray(directions.reshape(-1, 3)[:count])
 
 

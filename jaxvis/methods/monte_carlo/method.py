@@ -96,7 +96,7 @@ class MonteCarlo(Method):
                 visibility.tracer,
                 points,
                 proposed,
-                self.spp,
+                max(1, int(max(self.counts))),
                 rays_per_chunk=self.rays_per_chunk,
                 advance=bar.update,
             )
