@@ -51,8 +51,9 @@ def oracle(name, base, specular, roughness, view, light):
     masking = 1.0 + oracle_lambda(name, view[2], a) + oracle_lambda(name, light[2], a)
     facets = oracle_distribution(name, half[2], a) / masking
     specular_part = fresnel(view @ half) * facets / (4.0 * view[2])
-    into, out = 1.0 - fresnel(light[2]), 1.0 - fresnel(view[2])
-    diffuse_part = base / np.pi * into * out / (1.0 - specular) / (1.0 - grazing / 21.0)
+    k = grazing * (0.08 + 0.92 * (1.0 - a**2) ** 2)
+    into, out = 1.0 - k * (1.0 - light[2]) ** 5, 1.0 - k * (1.0 - view[2]) ** 5
+    diffuse_part = base / np.pi * (1.0 - specular) * into * out / (1.0 - k / 21.0)
     return diffuse_part * light[2] + specular_part
 
 
@@ -161,3 +162,17 @@ def test_gltf_mixing_would_reflect_more_than_it_receives():
     density = np.asarray(lights)[:, 2] / np.pi
     base = np.mean(np.asarray(values - coats)[:, 0] / density)
     assert specular + base < 1.0
+
+
+def test_rough_objects_have_no_dark_outlines():
+    """At grazing views a rough dielectric is nearly as bright as face on, a smooth one is not."""
+
+    def diffuse_at(roughness, cosine):
+        values = MaterialValues(jnp.ones(3), jnp.full(3, 0.04), jnp.asarray(roughness, jnp.float32))
+        normal = jnp.array([0.0, 0.0, 1.0])
+        view = jnp.array([np.sqrt(1.0 - cosine**2), 0.0, cosine], jnp.float32)
+        light = jnp.array([0.0, 0.6, 0.8])
+        return float(CookTorrance("ggx").evaluate(values, normal, view, light)[0])
+
+    assert diffuse_at(1.0, 0.02) > 0.85 * diffuse_at(1.0, 1.0)
+    assert diffuse_at(0.1, 0.02) < 0.2 * diffuse_at(0.1, 1.0)
