@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from jaxvis.compare import compare
     from jaxvis.errors import InvalidEnvironment, InvalidScene, JaxvisWarning
     from jaxvis.lighting import Environment, load_environment
-    from jaxvis.methods import Method, MonteCarlo, Reference
+    from jaxvis.methods import Method, MonteCarlo, Reference, VectorizedVisibility
     from jaxvis.reflectance import Material
     from jaxvis.report import write_report
     from jaxvis.scene import (
@@ -46,6 +46,7 @@ _HOMES = {
     "Method": "methods",
     "MonteCarlo": "methods",
     "Reference": "methods",
+    "VectorizedVisibility": "methods",
     "Material": "reflectance",
     "write_report": "report",
     "Camera": "scene",
@@ -69,6 +70,7 @@ __all__ = [
     "Reference",
     "Scene",
     "Surface",
+    "VectorizedVisibility",
     "build_scene",
     "compare",
     "datasets",

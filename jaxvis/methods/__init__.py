@@ -12,6 +12,7 @@ from jaxvis.methods.registry import (
     representatives,
     table,
 )
+from jaxvis.methods.vectorized import VectorizedVisibility
 
 register(
     "reference",
@@ -33,12 +34,20 @@ for _strategy, _summary in {
         representative=_strategy == "mis",
         strategy=_strategy,
     )
+register(
+    "vectorized",
+    VectorizedVisibility,
+    family="vectorized",
+    summary="vectorized visibility: polygons at vertices over summed-area tables, tessellated",
+    representative=True,
+)
 
 __all__ = [
     "Entry",
     "Method",
     "MonteCarlo",
     "Reference",
+    "VectorizedVisibility",
     "create",
     "names",
     "parse_list",

@@ -47,7 +47,7 @@ class CookTorrance(GlossyReflectance):
         up = (cos_view > 0.0) & (cos_light > 0.0)
         towards_view = jnp.clip(cos_view, LOWEST_COSINE, 1.0)
         towards_light = jnp.clip(cos_light, LOWEST_COSINE, 1.0)
-        width, grazing = material.microfacet_width, _grazing(material)
+        width, grazing = material.microfacet_width, grazing_reflectance(material)
 
         cos_facet, facing = facet_cosines(normal, view, light)
         facets = 0.25 * microfacet.distribution(cos_facet, width, self.distribution)
@@ -56,11 +56,11 @@ class CookTorrance(GlossyReflectance):
         )
         specular = jnp.where(up, facets * passing / towards_view, 0.0)
         f0 = material.specular
-        fresnel = f0 + (1.0 - f0) * (grazing * _schlick(facing))[..., None]
+        fresnel = f0 + (1.0 - f0) * (grazing * schlick_weight(facing))[..., None]
 
-        coat = grazing * _smoothness(width)
-        entering = (1.0 - coat * _schlick(towards_light)) / (1.0 - coat * (1.0 / 21.0))
-        leaving = 1.0 - coat * _schlick(towards_view)
+        coat = grazing * smoothness(width)
+        entering = (1.0 - coat * schlick_weight(towards_light)) / (1.0 - coat * (1.0 / 21.0))
+        leaving = 1.0 - coat * schlick_weight(towards_view)
         cosine = hemisphere.pdf_cosine(cos_light)
         diffuse = jnp.where(up, cosine * entering * leaving, 0.0)
         base = material.base_colour * (1.0 - f0)
@@ -77,8 +77,8 @@ class CookTorrance(GlossyReflectance):
         self, material: MaterialValues, cos_view: Float[Array, "..."]
     ) -> Float[Array, "..."]:
         """The Fresnel reflectance's part of the luminance, at n.v; 0 below the horizon."""
-        coat = _grazing(material) * _smoothness(material.microfacet_width)
-        rise = coat * _schlick(jnp.clip(cos_view, 0.0, 1.0))
+        coat = grazing_reflectance(material) * smoothness(material.microfacet_width)
+        rise = coat * schlick_weight(jnp.clip(cos_view, 0.0, 1.0))
         f0 = luminance(material.specular)
         specular = f0 + (1.0 - f0) * rise
         diffuse = luminance(material.base_colour * (1.0 - material.specular)) * (1.0 - rise)
@@ -103,14 +103,14 @@ LOWEST_COSINE = 1e-5
 """Masking is evaluated at cosines no lower than this, which keeps its gradients finite."""
 
 
-def _grazing(material: MaterialValues) -> Float[Array, "..."]:
+def grazing_reflectance(material: MaterialValues) -> Float[Array, "..."]:
     """Reflectance at grazing angles: 1 but for specular colours that are (nearly) black."""
     f0 = material.specular
     mean = (f0[..., 0] + f0[..., 1] + f0[..., 2]) * (1.0 / 3.0)
     return jnp.minimum(mean * (1.0 / FAINTEST_SPECULAR), 1.0)
 
 
-def _smoothness(width: Float[Array, "..."]) -> Float[Array, "..."]:
+def smoothness(width: Float[Array, "..."]) -> Float[Array, "..."]:
     """How much of a smooth surface's grazing reflection facets of this width have, from above.
 
     A fit to the directional albedo of GGX by quadrature, so that no more light leaves than came.
@@ -118,7 +118,7 @@ def _smoothness(width: Float[Array, "..."]) -> Float[Array, "..."]:
     return 0.08 + 0.92 * jnp.square(1.0 - width * width)
 
 
-def _schlick(cosine: Float[Array, "..."]) -> Float[Array, "..."]:
+def schlick_weight(cosine: Float[Array, "..."]) -> Float[Array, "..."]:
     """(1 - c)^5."""
     rest = 1.0 - cosine
     square = rest * rest

@@ -16,8 +16,9 @@ class Surface:
 
     Shapes are [rows, columns, ...] with rows = supersampling * height, columns likewise. Positions
     are in the scene's centred coordinates; normals are unit and on the viewer's side; ``view``
-    points to the camera. ``mask`` is true where a shadeable front was hit: misses are false,
-    and so are the backs of one-sided faces, which are black (``backs`` marks them).
+    points to the camera, which is at ``eye``. ``mask`` is true where a shadeable front was hit:
+    misses are false, and so are the backs of one-sided faces, which are black (``backs`` marks
+    them).
     """
 
     position: Float[Array, "rows columns 3"]
@@ -30,6 +31,7 @@ class Surface:
     material: MaterialValues
     mask: Bool[Array, "rows columns"]
     backs: Bool[Array, "rows columns"]
+    eye: Float[Array, "3"]
     supersampling: int = field(default=1, metadata={"static": True})
     reflectance: Reflectance = field(default=Lambert(), metadata={"static": True})
 

@@ -56,7 +56,7 @@ def trace_surface(
         _trace_rows(scene, eye, camera.directions(columns, rows, slice(row, row + step)))
         for row in range(0, rows, step)
     ]
-    return _assemble(bands, (rows, columns), n, scene)
+    return _assemble(bands, (rows, columns), n, eye, scene)
 
 
 def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
@@ -105,13 +105,16 @@ def _trace_rows(
     }
 
 
-def _assemble(bands: list[dict], shape: tuple[int, int], n: int, scene: Scene) -> Surface:
+def _assemble(
+    bands: list[dict], shape: tuple[int, int], n: int, eye: Float[np.ndarray, "3"], scene: Scene
+) -> Surface:
     def join(*leaves: np.ndarray | jax.Array) -> jax.Array:
         whole = np.concatenate([np.asarray(leaf) for leaf in leaves])
         return jnp.asarray(whole.reshape(shape + whole.shape[1:]))
 
     leaves = jax.tree.map(join, *bands)
-    return Surface(**leaves, supersampling=n, reflectance=scene.reflectance)
+    centred = jnp.asarray(eye, jnp.float32)
+    return Surface(**leaves, eye=centred, supersampling=n, reflectance=scene.reflectance)
 
 
 def _interpolate(

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxvis.lighting.blur import phong_blur
+from jaxvis.lighting.blur import phong_blur, phong_lobes
 from jaxvis.lighting.resampling import resize
 from jaxvis.sphere import latlong
 
@@ -116,3 +116,36 @@ def test_refuses_exponents_that_are_no_lobe(exponent):
 def test_refuses_an_empty_result():
     with pytest.raises(ValueError, match="height must be"):
         phong_blur(jnp.ones((4, 8, 3)), 1.0, 0)
+
+
+def lobe_sums(radiance, exponent, directions, inside):
+    """Sums over ``inside``^2 places in each texel, for lobes about ``directions`` (float64)."""
+    fine = radiance.shape[0] * inside
+    source = latlong.texel_directions(fine, 2 * fine).reshape(-1, 3)
+    light = np.repeat(np.repeat(np.asarray(radiance, np.float64), inside, 0), inside, 1)
+    light = (light * latlong.row_solid_angles(fine, 2 * fine)[:, None, None]).reshape(-1, 3)
+    cosine = directions @ source.T
+    lobe = np.where(cosine > 0.0, np.abs(cosine) ** exponent, 0.0)
+    return (exponent + 1.0) / (2.0 * np.pi) * lobe @ light
+
+
+@pytest.mark.parametrize("height", [6, 7])
+def test_lobes_about_the_texels_centres_agree_with_brute_force(height):
+    radiance, exponents = spiky(6), [1.0, 8.0, 60.0]
+    lobes = np.asarray(phong_lobes(radiance, exponents, height))
+    assert lobes.shape == (3, height, 2 * height, 3)
+    centres = latlong.texel_directions(height, 2 * height).reshape(-1, 3)
+    for lobe, exponent in zip(lobes, exponents, strict=True):
+        expected = lobe_sums(radiance, exponent, centres, 32)
+        error = np.abs(lobe.reshape(-1, 3) - expected)
+        assert error.max() < 0.01 * expected.max(), exponent
+
+
+def test_lobes_of_a_constant_are_that_constant():
+    lobes = phong_lobes(jnp.full((9, 18, 1), 2.5), [0.0, 3.0, 500.0], 20)
+    np.testing.assert_allclose(lobes, 2.5, rtol=1e-5)
+
+
+def test_lobes_refuse_what_is_no_lobe():
+    with pytest.raises(ValueError, match="exponent must be"):
+        phong_lobes(jnp.ones((4, 8, 3)), [1.0, -1.0], 4)

@@ -47,6 +47,19 @@ def test_misses_keep_the_view_direction():
     np.testing.assert_allclose(surface.view, expected, atol=2e-7)
 
 
+def test_the_eye_is_where_the_views_meet():
+    """In centred coordinates: the square is moved away from the origin."""
+    shift = np.array([3.0, -2.0, 7.0])
+    eye = np.array([0.5, 0.25, 4.0])
+    scene = build_scene(SQUARE + shift, FACES)
+    surface = trace_surface(scene, Camera(eye + shift, shift), (8, 8))
+    np.testing.assert_allclose(surface.eye, eye + shift - scene.origin, atol=1e-6)
+    mask = np.asarray(surface.mask)
+    away = np.asarray(surface.eye) - np.asarray(surface.position)[mask]
+    distance = np.linalg.norm(away, axis=-1, keepdims=True)
+    np.testing.assert_allclose(away / distance, np.asarray(surface.view)[mask], atol=1e-6)
+
+
 def test_barycentrics_belong_to_the_triangle():
     scene = square()
     surface = trace_surface(scene, AHEAD, (9, 9))

@@ -21,7 +21,7 @@ PORCELAIN = Material(
 TABLE = Material(base_colour=(0.50, 0.36, 0.25), name="table")
 
 
-def teapot(subdivisions: Number = 8, plane_cells: Number = 16, plane_size: Number = 16.0) -> Scene:
+def teapot(subdivisions: Number = 8, plane_cells: Number = 64, plane_size: Number = 16.0) -> Scene:
     """The Utah teapot, standing on the middle of a square plane; about 2,000 vertices.
 
     The teapot is 6.5 long (spout towards +x), 4 wide and 3.15 high, the published size, with

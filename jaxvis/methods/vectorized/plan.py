@@ -1,0 +1,139 @@
+"""Which sites a frame needs, and how pixels interpolate between them (host)."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float32, Int32
+
+from jaxvis.methods.vectorized.evaluation import Sites
+from jaxvis.methods.vectorized.mesh import Mesh, Pixels
+from jaxvis.methods.vectorized.polygons import VisibilityPolygons
+from jaxvis.scene import Surface
+
+
+class Plan(NamedTuple):
+    """Sites, and every pixel's value as a weighted sum of values at nodes.
+
+    Nodes are the sites, padded to ``capacity``, and after them those that are halfway: whose values
+    lie between those of two sites. Padding keeps the number of shapes that XLA compiles small.
+    """
+
+    sites: Sites
+    capacity: int
+    ends: Int32[np.ndarray, "between 2"]
+    """Sites between which the other nodes lie."""
+    fraction: Float32[np.ndarray, "between"]
+    nodes: Int32[np.ndarray, "pixels corners"]
+    """Of all pixels of the image, shaded or not."""
+    weights: Float32[np.ndarray, "pixels corners"]
+    evaluations: int
+    """Polygons that are integrated, those that chose the sites included."""
+
+
+def room(count: int) -> int:
+    """``count`` rounded up to one of eight sizes an octave."""
+    step = max(64, 1 << max(0, count.bit_length() - 4))
+    return -(-count // step) * step
+
+
+def padded(values: Array | np.ndarray, capacity: int) -> Array | np.ndarray:
+    """``values`` with zeros after them."""
+    xp = jnp if isinstance(values, jax.Array) else np
+    rest = xp.zeros((capacity - len(values), *values.shape[1:]), values.dtype)
+    return xp.concatenate([values, rest])
+
+
+def needed_sites(plan: Plan) -> Int32[np.ndarray, "needed"]:
+    """The sites that pixels use, ascending."""
+    used = np.zeros(plan.capacity + len(plan.ends), bool)
+    used[plan.nodes[plan.weights > 0.0]] = True
+    between = np.flatnonzero(used[plan.capacity :])
+    used[plan.ends.take(between, axis=0).reshape(-1)] = True
+    return np.flatnonzero(used[: len(plan.sites.normal)]).astype(np.int32)
+
+
+def over_image(values: np.ndarray, pixels: Pixels, surface: Surface) -> np.ndarray:
+    """``values`` of the shaded pixels at their places in the flat image, 0 elsewhere."""
+    image = np.zeros((surface.mask.size, *values.shape[1:]), values.dtype)
+    image[pixels.index] = values
+    return image
+
+
+def interpolate(
+    values: Float[Array, "capacity channels"],
+    ends: Int32[Array | np.ndarray, "between 2"],
+    fraction: Float[Array | np.ndarray, "between"],
+    nodes: Int32[Array | np.ndarray, "pixels corners"],
+    weights: Float[Array | np.ndarray, "pixels corners"],
+) -> Float[Array, "pixels channels"]:
+    """Every pixel's value from the sites'."""
+    first, last = (jnp.take(values, ends[:, k], axis=0, mode="clip") for k in range(2))
+    between = first + fraction[:, None] * (last - first)
+    found = jnp.take(jnp.concatenate([values, between]), nodes, axis=0, mode="clip")
+    return jnp.einsum("pk,pkc->pc", weights, found)
+
+
+def corner_sites(visibility: VisibilityPolygons, polygons: Int32[np.ndarray, "corners"]) -> Sites:
+    """The places of the polygons themselves."""
+    normal = np.asarray(visibility.normals).take(polygons, axis=0)
+    reference = np.full((len(polygons), 3), -1, np.int32)
+    reference[:, 0] = polygons
+    weight = np.zeros((len(polygons), 3), np.float32)
+    weight[:, 0] = 1.0
+    position = np.asarray(visibility.positions).take(polygons, axis=0)
+    return Sites(position, normal, normal, reference, weight)
+
+
+def without_buried(
+    visibility: VisibilityPolygons,
+    polygon: Int32[np.ndarray, "sites 3"],
+    weight: Float32[np.ndarray, "sites 3"],
+) -> tuple[Int32[np.ndarray, "sites 3"], Float32[np.ndarray, "sites 3"]]:
+    """Polygons (-1 where the weight is 0) and weights, buried ones left out where others remain."""
+    counts = ~np.asarray(visibility.buried).take(polygon) & (weight > 0.0)
+    weight = renormalised(weight, counts)
+    return np.where(weight > 0.0, polygon, np.int32(-1)), weight
+
+
+def renormalised(
+    weight: Float32[np.ndarray, "sites corners"], counts: Bool[np.ndarray, "sites corners"]
+) -> Float32[np.ndarray, "sites corners"]:
+    """Weights of those that count, with the sum that all had; all of them where none counts."""
+    rows = np.flatnonzero(~counts.reshape(-1)) // weight.shape[-1]
+    if not len(rows):
+        return weight
+    left = np.where(counts[rows], weight[rows], np.float32(0.0))
+    rest, whole = (part.sum(axis=-1, keepdims=True) for part in (left, weight[rows]))
+    some = rest > 1e-6
+    changed = weight.copy()
+    changed[rows] = np.where(some, left * (whole / np.where(some, rest, 1.0)), weight[rows])
+    return changed
+
+
+def plan_fragments(
+    visibility: VisibilityPolygons, mesh: Mesh, pixels: Pixels, surface: Surface
+) -> Plan:
+    """A site at every shaded pixel, with the polygons of its triangle's corners (eq. 19)."""
+
+    def at_pixels(field: Array) -> np.ndarray:
+        return np.asarray(field).reshape(-1, 3).take(pixels.index, axis=0)
+
+    polygon = mesh.faces.take(pixels.face, axis=0)
+    sites = Sites(
+        at_pixels(surface.position),
+        at_pixels(surface.normal),
+        at_pixels(surface.geometric_normal),
+        *without_buried(visibility, polygon, pixels.barycentrics),
+    )
+    own = np.arange(len(pixels.index), dtype=np.int32)[:, None]
+    return Plan(
+        sites,
+        room(len(own)),
+        np.zeros((0, 2), np.int32),
+        np.zeros(0, np.float32),
+        over_image(own, pixels, surface),
+        over_image(np.ones((len(own), 1), np.float32), pixels, surface),
+        sites.references,
+    )
