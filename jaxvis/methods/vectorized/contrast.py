@@ -6,8 +6,9 @@ from jaxtyping import Float, Float32
 WHITE_PERCENTILE = 99.5
 """Of the sites' luminance: what a display shows as white."""
 
-VISIBLE = 1.0
-"""Difference of CIE 1976 lightness (black is 0, white 100) that is just noticeable."""
+VISIBLE = 0.25
+"""Difference of CIE 1976 lightness (black is 0, white 100) that counts. One is just noticeable, but
+inside a triangle the light may change more than blurring shows at its corners."""
 
 
 def contrast(
@@ -16,8 +17,8 @@ def contrast(
     """How different the light is from that of a blurred environment: 0, to 1 where it is visible.
 
     The paper takes the difference of radiances without saying in which unit. Here it is that of
-    lightness on a display whose white is the brightest site, in parts of the least that is seen:
-    the same for every exposure, and as large in shadows as in the light.
+    lightness on a display whose white is the brightest site, in parts of :data:`VISIBLE`: the same
+    for every exposure, and as large in shadows as in the light.
 
     Args:
         sharp: irradiance or radiance under the environment.

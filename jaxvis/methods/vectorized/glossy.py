@@ -11,7 +11,7 @@ from jaxvis.methods.vectorized.evaluation import References, Sites, sum_over_pol
 from jaxvis.methods.vectorized.irradiance import Quadrature, is_traced, outlines
 from jaxvis.methods.vectorized.light import PolygonLight
 from jaxvis.methods.vectorized.nearest_lobe import specular_lobe
-from jaxvis.methods.vectorized.plan import Plan, needed_sites, padded, room
+from jaxvis.methods.vectorized.plan import Plan, Stencil, needed_sites, padded, room
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 from jaxvis.methods.vectorized.specular import (
     CIRCLE_VECTORS,
@@ -48,7 +48,7 @@ def lobe_visibility(
     needed = needed_sites(plan)
     sites = plan.sites.take(needed)
     count = room(len(needed))
-    means = mean_roughness(roughness, plan.ends, plan.nodes, plan.weights, capacity=plan.capacity)
+    means = mean_roughness(roughness, plan.stencil, capacity=plan.capacity)
     axis, cap = site_lobes(
         padded(sites.position, count),
         padded(sites.normal, count),
@@ -95,18 +95,13 @@ def lobe_visibility(
 
 @partial(jax.jit, static_argnames="capacity")
 def mean_roughness(
-    roughness: Float[Array, "pixels"],
-    ends: Int[Array, "between 2"],
-    nodes: Int[Array, "pixels corners"],
-    weights: Float[Array, "pixels corners"],
-    *,
-    capacity: int,
+    roughness: Float[Array, "pixels"], stencil: Stencil, *, capacity: int
 ) -> Float[Array, "capacity"]:
     """Of the pixels that use each site; 1 where none does."""
-    used = weights > 0.0
+    ends, used = stencil.ends, stencil.weights > 0.0
     both = jnp.where(used, 1.0, 0.0), jnp.where(used, roughness[:, None], 0.0)
     rows = jnp.stack([part.reshape(-1) for part in both], axis=-1)
-    sums = jax.ops.segment_sum(rows, nodes.reshape(-1), capacity + len(ends))
+    sums = jax.ops.segment_sum(rows, stencil.nodes.reshape(-1), capacity + len(ends))
     between = sums[capacity:]
     sums = sums[:capacity].at[ends[:, 0]].add(between).at[ends[:, 1]].add(between)
     return jnp.where(sums[:, 0] > 0.0, sums[:, 1] / jnp.maximum(sums[:, 0], 1.0), 1.0)

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float32, Int32
+from jaxtyping import Array, Float, Float32
 
 from jaxvis.cache import cached_arrays, content_hash
 from jaxvis.lighting import Environment
@@ -18,16 +18,15 @@ from jaxvis.methods.vectorized.glossy import lobe_visibility
 from jaxvis.methods.vectorized.irradiance import Quadrature, irradiance, is_traced
 from jaxvis.methods.vectorized.light import PolygonLight, polygon_light
 from jaxvis.methods.vectorized.mesh import Mesh, faces_in_view, polygons_in_view, shaded_pixels
-from jaxvis.methods.vectorized.nearest_lobe import specular_lobe
 from jaxvis.methods.vectorized.plan import (
     Plan,
     corner_sites,
-    interpolate,
     padded,
     plan_fragments,
 )
 from jaxvis.methods.vectorized.polygons import FIELDS, KIND, VisibilityPolygons
 from jaxvis.methods.vectorized.precompute import Settings, precompute_polygons
+from jaxvis.methods.vectorized.resolve import diffuse_image, glossy_image
 from jaxvis.methods.vectorized.tessellation import edge_levels, plan_tessellation
 from jaxvis.reflectance import Lambert
 from jaxvis.scene import Scene, Surface
@@ -49,10 +48,13 @@ class VectorizedVisibility(Method):
     (``shading="fragment"``), at the mesh's vertices (``"vertex"``), or at the vertices of triangles
     that are divided where the light changes fast (``"tessellated"``, eqs. 17 and 18), ``zeta``
     being how often edges are halved where blurring the environment makes a visible difference.
+    Sites that triangles share are not clipped by the triangles' planes; pixels lose on average as
+    much as these would hide.
 
-    ``integration`` is ``"split"``, the trapezoidal rule on edges cut in ``pieces``, or ``"vsat"``
-    (eqs. 9 to 12) with ``sharpness``: alpha' in 1 / radians, ``"paper"`` (5.8) or ``"scaled"`` by
-    the edges' lengths. ``lookup`` reads the tables at the nearest texel corner or between corners.
+    ``integration`` is ``"split"``, the trapezoidal rule on edges cut in ``pieces`` (2 by default),
+    or ``"vsat"`` on whole edges (eqs. 9 to 12) with ``sharpness``: alpha' in 1 / radians,
+    ``"paper"`` (5.8) or ``"scaled"`` by the edges' lengths. ``lookup`` reads the tables at the
+    nearest texel corner or between corners.
 
     ``vectors`` is the most that a polygon has, ``resolution`` the cells along the hemisphere map
     from which it is traced.
@@ -62,7 +64,7 @@ class VectorizedVisibility(Method):
     shading: Shading = "tessellated"
     zeta: float = 3.0
     integration: Integration = "split"
-    pieces: int = 1
+    pieces: int | None = None
     lookup: Lookup = "nearest"
     sharpness: float | Literal["paper", "scaled"] = "scaled"
     resolution: int = Settings().resolution
@@ -78,9 +80,9 @@ class VectorizedVisibility(Method):
                 raise ValueError(f"{name} must be one of {allowed}, got {getattr(self, name)!r}")
         if not 0.0 <= self.zeta <= LARGEST_ZETA:
             raise ValueError(f"zeta must be from 0 to {LARGEST_ZETA:g}, got {self.zeta}")
-        if self.pieces < 1:
+        if self.pieces is not None and self.pieces < 1:
             raise ValueError(f"pieces must be at least 1, got {self.pieces}")
-        if self.integration == "vsat" and self.pieces != 1:
+        if self.integration == "vsat" and self.quadrature.pieces != 1:
             raise ValueError(
                 f"integration 'vsat' leaves edges whole: pieces must be 1, got {self.pieces}"
             )
@@ -89,7 +91,8 @@ class VectorizedVisibility(Method):
     @property
     def quadrature(self) -> Quadrature:
         """How contours are integrated."""
-        return Quadrature(self.integration, self.pieces, self.lookup)
+        pieces = self.pieces or (2 if self.integration == "split" else 1)
+        return Quadrature(self.integration, pieces, self.lookup)
 
     @property
     def _settings(self) -> Settings:
@@ -174,7 +177,7 @@ class VectorizedVisibility(Method):
             found, difference[polygons] = self._differences(visibility, light, sites)
         zeta = self.zeta if self.shading == "tessellated" else 0.0
         levels = edge_levels(mesh, faces, difference, zeta)
-        plan = plan_tessellation(visibility, mesh, pixels, polygons, levels, surface)
+        plan = plan_tessellation(visibility, mesh, pixels, polygons, levels, surface.mask.size)
         if self.shading == "tessellated":
             plan = plan._replace(evaluations=plan.evaluations + len(polygons))
         return plan, None if is_traced(light) else found
@@ -208,7 +211,7 @@ class VectorizedVisibility(Method):
         found = found if corners is None else np.concatenate([corners, found])
         values = padded(found, plan.capacity)
         if isinstance(surface.reflectance, Lambert):
-            return _diffuse(values, *plan[2:6], surface)
+            return diffuse_image(values, plan.stencil, surface, clipped=plan.clipped)
         known = not is_traced(light, visibility, surface)
         with jax.ensure_compile_time_eval() if known else nullcontext():
             seen = lobe_visibility(
@@ -220,40 +223,7 @@ class VectorizedVisibility(Method):
                 surface.reflectance,
                 self.quadrature,
             )
-        return _glossy(values, seen, *plan[2:6], surface, light)
-
-
-@jax.jit
-def _diffuse(
-    values: Float[Array, "capacity 3"],
-    ends: Int32[Array, "between 2"],
-    fraction: Float[Array, "between"],
-    nodes: Int32[Array, "pixels corners"],
-    weights: Float[Array, "pixels corners"],
-    surface: Surface,
-) -> Float[Array, "height width 3"]:
-    """The image of the irradiance, reflected."""
-    found = interpolate(values, ends, fraction, nodes, weights).reshape(*surface.mask.shape, 3)
-    return surface.to_image(surface.material.base_colour * (found / jnp.pi))
-
-
-@jax.jit
-def _glossy(
-    values: Float[Array, "capacity 3"],
-    seen: Float[Array, "capacity 3"],
-    ends: Int32[Array, "between 2"],
-    fraction: Float[Array, "between"],
-    nodes: Int32[Array, "pixels corners"],
-    weights: Float[Array, "pixels corners"],
-    surface: Surface,
-    light: PolygonLight,
-) -> Float[Array, "height width 3"]:
-    """The image of the irradiance and of the lobes' light, as far as it is seen (eq. 14)."""
-    both = jnp.concatenate([values, seen], axis=-1)
-    found = interpolate(both, ends, fraction, nodes, weights).reshape(*surface.mask.shape, 6)
-    lobe = specular_lobe(surface.reflectance, surface.material, surface.normal, surface.view)
-    specular = lobe.scale * light.lobes.radiance(lobe.mirror, lobe.exponent)
-    return surface.to_image(lobe.diffuse * (found[..., :3] / jnp.pi) + found[..., 3:] * specular)
+        return glossy_image(values, seen, plan.stencil, surface, light, clipped=plan.clipped)
 
 
 def _require_known(visibility: VisibilityPolygons, surface: Surface) -> None:

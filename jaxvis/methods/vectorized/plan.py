@@ -13,29 +13,40 @@ from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 from jaxvis.scene import Surface
 
 
-class Plan(NamedTuple):
-    """Sites, and every pixel's value as a weighted sum of values at nodes.
+class Stencil(NamedTuple):
+    """Every pixel's value as a weighted sum of values at nodes.
 
-    Nodes are the sites, padded to ``capacity``, and after them those that are halfway: whose values
-    lie between those of two sites. Padding keeps the number of shapes that XLA compiles small.
+    Nodes are the plan's sites, padded to its capacity, and after them places between two sites.
+    """
+
+    ends: Int32[Array | np.ndarray, "between 2"]
+    """Sites between which those places lie."""
+    fraction: Float[Array | np.ndarray, "between"]
+    nodes: Int32[Array | np.ndarray, "pixels corners"]
+    """Of all pixels of the image, shaded or not."""
+    weights: Float[Array | np.ndarray, "pixels corners"]
+
+
+class Plan(NamedTuple):
+    """The sites of a frame, and what its pixels make of them. Host.
+
+    Shapes are padded to ``capacity`` and the like, so that XLA compiles few of them.
     """
 
     sites: Sites
     capacity: int
-    ends: Int32[np.ndarray, "between 2"]
-    """Sites between which the other nodes lie."""
-    fraction: Float32[np.ndarray, "between"]
-    nodes: Int32[np.ndarray, "pixels corners"]
-    """Of all pixels of the image, shaded or not."""
-    weights: Float32[np.ndarray, "pixels corners"]
+    stencil: Stencil
+    clipped: bool
+    """Whether sites see nothing below the planes of their triangles. Those that triangles share
+    cannot know, and pixels make up for it."""
     evaluations: int
     """Polygons that are integrated, those that chose the sites included."""
 
 
 def room(count: int) -> int:
-    """``count`` rounded up to one of eight sizes an octave."""
+    """``count`` rounded up to one of eight sizes an octave, at least 64."""
     step = max(64, 1 << max(0, count.bit_length() - 4))
-    return -(-count // step) * step
+    return max(1, -(-count // step)) * step
 
 
 def padded(values: Array | np.ndarray, capacity: int) -> Array | np.ndarray:
@@ -47,32 +58,19 @@ def padded(values: Array | np.ndarray, capacity: int) -> Array | np.ndarray:
 
 def needed_sites(plan: Plan) -> Int32[np.ndarray, "needed"]:
     """The sites that pixels use, ascending."""
-    used = np.zeros(plan.capacity + len(plan.ends), bool)
-    used[plan.nodes[plan.weights > 0.0]] = True
+    stencil = plan.stencil
+    used = np.zeros(plan.capacity + len(stencil.ends), bool)
+    used[stencil.nodes[stencil.weights > 0.0]] = True
     between = np.flatnonzero(used[plan.capacity :])
-    used[plan.ends.take(between, axis=0).reshape(-1)] = True
+    used[stencil.ends.take(between, axis=0).reshape(-1)] = True
     return np.flatnonzero(used[: len(plan.sites.normal)]).astype(np.int32)
 
 
-def over_image(values: np.ndarray, pixels: Pixels, surface: Surface) -> np.ndarray:
-    """``values`` of the shaded pixels at their places in the flat image, 0 elsewhere."""
-    image = np.zeros((surface.mask.size, *values.shape[1:]), values.dtype)
+def over_image(values: np.ndarray, pixels: Pixels, size: int) -> np.ndarray:
+    """``values`` of the shaded pixels at their places in a flat image, 0 elsewhere."""
+    image = np.zeros((size, *values.shape[1:]), values.dtype)
     image[pixels.index] = values
     return image
-
-
-def interpolate(
-    values: Float[Array, "capacity channels"],
-    ends: Int32[Array | np.ndarray, "between 2"],
-    fraction: Float[Array | np.ndarray, "between"],
-    nodes: Int32[Array | np.ndarray, "pixels corners"],
-    weights: Float[Array | np.ndarray, "pixels corners"],
-) -> Float[Array, "pixels channels"]:
-    """Every pixel's value from the sites'."""
-    first, last = (jnp.take(values, ends[:, k], axis=0, mode="clip") for k in range(2))
-    between = first + fraction[:, None] * (last - first)
-    found = jnp.take(jnp.concatenate([values, between]), nodes, axis=0, mode="clip")
-    return jnp.einsum("pk,pkc->pc", weights, found)
 
 
 def corner_sites(visibility: VisibilityPolygons, polygons: Int32[np.ndarray, "corners"]) -> Sites:
@@ -128,12 +126,11 @@ def plan_fragments(
         *without_buried(visibility, polygon, pixels.barycentrics),
     )
     own = np.arange(len(pixels.index), dtype=np.int32)[:, None]
-    return Plan(
-        sites,
-        room(len(own)),
+    size = surface.mask.size
+    stencil = Stencil(
         np.zeros((0, 2), np.int32),
         np.zeros(0, np.float32),
-        over_image(own, pixels, surface),
-        over_image(np.ones((len(own), 1), np.float32), pixels, surface),
-        sites.references,
+        over_image(own, pixels, size),
+        over_image(np.ones((len(own), 1), np.float32), pixels, size),
     )
+    return Plan(sites, room(len(own)), stencil, True, sites.references)

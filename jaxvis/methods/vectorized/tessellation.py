@@ -17,6 +17,7 @@ from jaxvis.methods.vectorized.evaluation import Sites
 from jaxvis.methods.vectorized.mesh import Mesh, Pixels
 from jaxvis.methods.vectorized.plan import (
     Plan,
+    Stencil,
     corner_sites,
     over_image,
     renormalised,
@@ -24,7 +25,6 @@ from jaxvis.methods.vectorized.plan import (
     without_buried,
 )
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
-from jaxvis.scene import Surface
 
 
 class Levels(NamedTuple):
@@ -105,11 +105,12 @@ def plan_tessellation(
     pixels: Pixels,
     polygons: Int32[np.ndarray, "corners"],
     levels: Levels,
-    surface: Surface,
+    size: int,
 ) -> Plan:
     """Sites at the corners in view, and at those grid points between which pixels lie.
 
-    ``polygons`` are those of the faces in view: the first sites of the plan.
+    ``polygons`` are those of the faces in view: the first sites of the plan. ``size`` is how many
+    pixels the image has, shaded or not.
 
     Raises:
         ValueError: more grid points than an index holds.
@@ -125,8 +126,8 @@ def plan_tessellation(
     count = len(points.row)
     points, border, hanging, fraction = _beside_hanging(levels, points, _border(levels, points))
     site_of = _inverse(polygons, len(visibility.positions))
-    addresses, size = _addresses(mesh, levels, points, border, site_of, corners)
-    site, first = _numbered(addresses, size, corners)
+    addresses, bound = _addresses(mesh, levels, points, border, site_of, corners)
+    site, first = _numbered(addresses, bound, corners)
     grid = _grid_sites(visibility, mesh, levels, points.take(first))
     known = corner_sites(visibility, polygons)
     sites = Sites(*(np.concatenate(pair) for pair in zip(known, grid, strict=True)))
@@ -135,32 +136,32 @@ def plan_tessellation(
     nodes = site[:count]
     nodes[hanging] = capacity + np.arange(len(hanging), dtype=np.int32)
     missing = room(len(ends)) - len(ends)
-    plan = Plan(
-        sites,
-        capacity,
+    stencil = Stencil(
         np.pad(ends, ((0, missing), (0, 0))),
         np.pad(fraction, (0, missing)),
         nodes.reshape(-1, 3).take(cell_of, axis=0),
         weights,
-        sites.references,
     )
     hidden = np.asarray(visibility.buried).take(polygons)
     if hidden.any():
-        plan = _without_hidden_corners(plan, hidden)
-    return plan._replace(
-        nodes=over_image(plan.nodes, pixels, surface),
-        weights=over_image(plan.weights, pixels, surface),
+        stencil = _without_hidden_corners(stencil, capacity, hidden)
+    stencil = stencil._replace(
+        nodes=over_image(stencil.nodes, pixels, size),
+        weights=over_image(stencil.weights, pixels, size),
     )
+    return Plan(sites, capacity, stencil, False, sites.references)
 
 
-def _without_hidden_corners(plan: Plan, hidden: Bool[np.ndarray, "corners"]) -> Plan:
-    """Pixels and points halfway do without the corners that are hidden, if they can."""
-    nodes = np.zeros(plan.capacity + len(plan.ends), bool)
+def _without_hidden_corners(
+    stencil: Stencil, capacity: int, hidden: Bool[np.ndarray, "corners"]
+) -> Stencil:
+    """Pixels and places between sites do without the corners that are hidden, if they can."""
+    nodes = np.zeros(capacity + len(stencil.ends), bool)
     nodes[: len(hidden)] = hidden
-    first, last = (nodes.take(plan.ends[:, k]) for k in range(2))
-    fraction = np.where(first, np.float32(1.0), np.where(last, np.float32(0.0), plan.fraction))
-    return plan._replace(
-        fraction=fraction, weights=renormalised(plan.weights, ~nodes.take(plan.nodes))
+    first, last = (nodes.take(stencil.ends[:, k]) for k in range(2))
+    fraction = np.where(first, np.float32(1.0), np.where(last, np.float32(0.0), stencil.fraction))
+    return stencil._replace(
+        fraction=fraction, weights=renormalised(stencil.weights, ~nodes.take(stencil.nodes))
     )
 
 
