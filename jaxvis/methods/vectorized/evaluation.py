@@ -110,9 +110,9 @@ def sum_over_polygons(
 
     def gather(rows: Int[np.ndarray, "rows"]) -> References:
         at = slots.take(rows) // 3
-        fields = (field.take(at, axis=0) for field in sites[:3])
+        position, normal, plane = (field.take(at, axis=0) for field in sites[:3])
         others = jax.tree.map(lambda leaf: leaf.take(at, axis=0), extra)
-        return References(polygon.take(rows), *fields, others)
+        return References(polygon.take(rows), position, normal, plane, others)
 
     parts = _parts(kind, sizes, lookups_per_chunk // lookups_per_vector)
     values = (_in_a_loop if traced else _in_threads)(integral, parts, gather)

@@ -7,6 +7,8 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from jaxvis.methods.vectorized.evaluation import References, Sites, sum_over_polygons
@@ -47,7 +49,7 @@ class Quadrature:
 
 def is_traced(*trees: Any) -> bool:
     """Whether a leaf is followed by grad, vmap or jit."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def irradiance(

@@ -19,12 +19,12 @@ class Stencil(NamedTuple):
     Nodes are the plan's sites, padded to its capacity, and after them places between two sites.
     """
 
-    ends: Int32[Array | np.ndarray, "between 2"]
+    ends: Int32[np.ndarray, "between 2"]
     """Sites between which those places lie."""
-    fraction: Float[Array | np.ndarray, "between"]
-    nodes: Int32[Array | np.ndarray, "pixels corners"]
+    fraction: Float32[np.ndarray, "between"]
+    nodes: Int32[np.ndarray, "pixels corners"]
     """Of all pixels of the image, shaded or not."""
-    weights: Float[Array | np.ndarray, "pixels corners"]
+    weights: Float32[np.ndarray, "pixels corners"]
 
 
 class Plan(NamedTuple):

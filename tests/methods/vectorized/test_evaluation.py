@@ -49,9 +49,11 @@ def random_sites(visibility, count=70, seed=1, spread=0.2):
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     plane = normal + 0.2 * rng.normal(size=(count, 3))
     plane /= np.linalg.norm(plane, axis=-1, keepdims=True)
-    fields = (position, normal, plane)
     weight = rng.random((count, 3))
-    return Sites(*(f.astype(np.float32) for f in fields), polygon, weight.astype(np.float32))
+    position, normal, plane, weight = (
+        field.astype(np.float32) for field in (position, normal, plane, weight)
+    )
+    return Sites(position, normal, plane, polygon, weight)
 
 
 def oracle(visibility, sites, integral):
