@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from jaxvis.methods.vectorized.evaluation import References, Sites, sum_over_polygons

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float32, Int32
+from jaxtyping import Array, Bool, Float32, Int32
 
 from jaxvis.methods.vectorized.evaluation import Sites
 from jaxvis.methods.vectorized.mesh import Mesh, Pixels
