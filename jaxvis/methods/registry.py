@@ -124,7 +124,16 @@ def _parse(value: str, annotation: Any, what: str) -> Any:
     if origin in (typing.Union, types.UnionType):
         if value.lower() == "none" and type(None) in options:
             return None
-        return _parse(value, next(o for o in options if o is not type(None)), what)
+        errors = []
+        for option in options:
+            if option is not type(None):
+                try:
+                    return _parse(value, option, what)
+                except ValueError as error:
+                    errors.append(str(error).removeprefix(f"{what} must be "))
+        raise ValueError(
+            f"{what} must be {' or '.join(e.split(', got')[0] for e in errors)}, got {value!r}"
+        )
     if annotation is bool:
         if value.lower() not in ("true", "false"):
             raise ValueError(f"{what} must be true or false, got {value!r}")

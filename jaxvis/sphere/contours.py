@@ -34,7 +34,7 @@ class ContourTable:
     An edge that crosses the seam finds its lookups there, so that no edge needs to be split.
     """
 
-    corners: Float[Array, "corner_rows corner_columns channels"]
+    corners: Float[Array, "*lights corner_rows corner_columns channels"]
 
     @staticmethod
     def build(values: Float[Array, "height width channels"]) -> "ContourTable":

@@ -71,3 +71,16 @@ def test_every_default_makes_a_method_with_parameters():
         method = methods.create(entry.name)
         assert entry.summary
         assert set(entry.defaults()) <= set(method.parameters())
+
+
+def test_parameters_of_several_kinds_are_numbers_or_names():
+    assert methods.create("vectorized:sharpness=paper").sharpness == "paper"
+    assert methods.create("vectorized:sharpness=7.5").sharpness == 7.5
+    assert methods.create("vectorized:pieces=3").pieces == 3
+    assert methods.create("vectorized:pieces=none").pieces is None
+    with pytest.raises(
+        ValueError, match="sharpness must be float or one of paper, scaled, got 'x'"
+    ):
+        methods.create("vectorized:sharpness=x")
+    with pytest.raises(ValueError, match="pieces must be int, got"):
+        methods.create("vectorized:pieces=2.5")
