@@ -62,7 +62,7 @@ class VectorizedVisibility(Method):
 
     vectors: int = 128
     shading: Shading = "tessellated"
-    zeta: float = 3.0
+    zeta: float = 2.0
     integration: Integration = "split"
     pieces: int | None = None
     lookup: Lookup = "nearest"
