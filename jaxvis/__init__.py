@@ -11,7 +11,13 @@ if TYPE_CHECKING:
     from jaxvis.compare import compare
     from jaxvis.errors import InvalidEnvironment, InvalidScene, JaxvisWarning
     from jaxvis.lighting import Environment, load_environment
-    from jaxvis.methods import Method, MonteCarlo, Reference, VectorizedVisibility
+    from jaxvis.methods import (
+        Method,
+        MonteCarlo,
+        Reference,
+        VectorizedVisibility,
+        VisibilityCorrespondence,
+    )
     from jaxvis.reflectance import Material
     from jaxvis.report import write_report
     from jaxvis.scene import (
@@ -47,6 +53,7 @@ _HOMES = {
     "MonteCarlo": "methods",
     "Reference": "methods",
     "VectorizedVisibility": "methods",
+    "VisibilityCorrespondence": "methods",
     "Material": "reflectance",
     "write_report": "report",
     "Camera": "scene",
@@ -71,6 +78,7 @@ __all__ = [
     "Scene",
     "Surface",
     "VectorizedVisibility",
+    "VisibilityCorrespondence",
     "build_scene",
     "compare",
     "datasets",

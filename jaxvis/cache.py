@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxvis.errors import JaxvisWarning
 
-FORMAT = 1
+FORMAT = 2
 """Version of what is cached. Raise it when the meaning of a cached array changes."""
 
 

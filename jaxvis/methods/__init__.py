@@ -12,7 +12,7 @@ from jaxvis.methods.registry import (
     representatives,
     table,
 )
-from jaxvis.methods.vectorized import VectorizedVisibility
+from jaxvis.methods.vectorized import VectorizedVisibility, VisibilityCorrespondence
 
 register(
     "reference",
@@ -41,6 +41,12 @@ register(
     summary="vectorized visibility: polygons at vertices over summed-area tables, tessellated",
     representative=True,
 )
+register(
+    "correspondence",
+    VisibilityCorrespondence,
+    family="vectorized",
+    summary="vectorized visibility with spherical-Voronoi correspondence: one evaluation for three",
+)
 
 __all__ = [
     "Entry",
@@ -48,6 +54,7 @@ __all__ = [
     "MonteCarlo",
     "Reference",
     "VectorizedVisibility",
+    "VisibilityCorrespondence",
     "create",
     "names",
     "parse_list",

@@ -1,5 +1,6 @@
 """The share of a specular lobe's light that polygons let through, at sites (paper 000, eq. 15)."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -7,8 +8,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxvis.methods.vectorized.evaluation import References, Sites, sum_over_polygons
-from jaxvis.methods.vectorized.irradiance import Quadrature, is_traced, outlines
+from jaxvis.methods.vectorized.correspondence.interpolated import polygons_of, sum_over_outlines
+from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
+from jaxvis.methods.vectorized.evaluation import (
+    Integral,
+    References,
+    Sites,
+    fenced,
+    integrals,
+)
+from jaxvis.methods.vectorized.irradiance import (
+    Quadrature,
+    Source,
+    contour_lookups,
+    is_traced,
+    outlines,
+)
 from jaxvis.methods.vectorized.light import PolygonLight
 from jaxvis.methods.vectorized.nearest_lobe import specular_lobe
 from jaxvis.methods.vectorized.plan import Plan, Stencil, needed_sites, padded, room
@@ -17,22 +32,22 @@ from jaxvis.methods.vectorized.specular import (
     CIRCLE_VECTORS,
     Cap,
     cap_integral,
-    cap_lookups,
     circle_lookups,
+    parts_in_cap,
     phong_cap,
     visible_ratio,
 )
 from jaxvis.reflectance import MaterialValues, Reflectance
 from jaxvis.sphere.contours import Lookups, integrate_small
 from jaxvis.sphere.frames import dot, normalize
-from jaxvis.sphere.polygons import normalized
+from jaxvis.sphere.polygons import Directions, normalized
 
 GRAZING = 1e-3
 """Cosine at which a site's normal still faces the viewer."""
 
 
 def lobe_visibility(
-    visibility: VisibilityPolygons,
+    visibility: VisibilityPolygons | CorrespondingPolygons,
     light: PolygonLight,
     plan: Plan,
     roughness: Float[Array, "pixels"],
@@ -56,41 +71,52 @@ def lobe_visibility(
         eye,
         reflectance=reflectance,
     )
-    traced = is_traced(light, visibility.vectors, axis)
+    polygons = polygons_of(visibility)
+    traced = is_traced(light, polygons.vectors, axis)
     extra = jax.tree.map(lambda leaf: leaf if traced else np.asarray(leaf), (axis, cap))
-    rule = Quadrature("split", quadrature.pieces, quadrature.lookup)
+    rule = replace(quadrature, integration="split")
 
-    def of_polygon(references: References, size: int) -> Float[Array, "references 3"]:
-        lookups = polygon_lookups(visibility.vectors, light, references, size=size, rule=rule)
-        return integral(lookups, references)
+    def of_outlines(source: Source) -> Integral:
+        def of_outline(references: References, size: int) -> Float[Array, "references 3"]:
+            lookups = outline_lookups(
+                source, light, references, size=size, rule=rule, traced=traced
+            )
+            return integral(lookups, references)
+
+        return of_outline
 
     def of_circle(references: References, size: int) -> Float[Array, "references 3"]:
-        return integral(whole_lookups(light, references, rule=rule), references)
+        of_lobes = partial(whole_lookups, rule=rule)
+        if traced:
+            return integral(fenced(of_lobes, references, light, references), references)
+        return integral(of_lobes(light, references), references)
 
     def integral(lookups: Lookups, references: References) -> Float[Array, "references 3"]:
-        if traced:
-            lookups = jax.lax.optimization_barrier(lookups)
         vector, scalar = _integrate(light.vector, lookups), _integrate(light.scalar, lookups)
         return _cap(vector, scalar, *references.extra)
 
-    options = {"channels": 3, "extra": extra, "traced": traced}
-    visible = sum_over_polygons(
-        of_polygon,
+    waiting = integrals(
+        of_circle,
+        lambda rows: _lobes_at(sites, extra, rows),
+        np.zeros(len(needed), np.int32),
+        np.array([CIRCLE_VECTORS]),
+        np.array([CIRCLE_VECTORS]),
+        channels=3,
+        lookups_per_vector=replace(rule, pieces=1).lookups_per_vector,
+        traced=traced,
+    )
+    visible = sum_over_outlines(
+        of_outlines,
         visibility,
         sites,
+        channels=3,
         lookups_per_vector=rule.lookups_per_vector,
-        **options,
-    )
-    whole = sum_over_polygons(
-        of_circle,
-        visibility,
-        _alone(sites),
-        lookups_per_vector=2 * CIRCLE_VECTORS,
-        **options,
+        extra=extra,
+        traced=traced,
     )
     place = np.full(plan.capacity, count, np.int32)
     place[needed] = np.arange(len(needed), dtype=np.int32)
-    return _ratio(padded(visible, count), padded(whole, count), light, place)
+    return _ratio(padded(visible, count), padded(waiting(), count), light, place)
 
 
 @partial(jax.jit, static_argnames="capacity")
@@ -129,19 +155,34 @@ def site_lobes(
     return lobe.mirror, phong_cap(lobe.exponent)
 
 
-@partial(jax.jit, static_argnames=("size", "rule"))
-def polygon_lookups(
-    vectors: Float[Array, "polygons 4 capacity"],
+def outline_lookups(
+    source: Source,
     light: PolygonLight,
     references: References,
     *,
     size: int,
     rule: Quadrature,
+    traced: bool,
 ) -> Lookups:
-    """Where the tables are read for the parts of polygons inside their sites' lobes."""
+    """Where the tables are read for the parts of outlines inside their sites' lobes.
+
+    Two jitted calls: in one, XLA would make the outlines again for every lookup.
+    """
+    inside = partial(outlines_in_lobes, size=size, rule=rule)
+    lookups = partial(contour_lookups, quadrature=rule)
+    if traced:
+        return fenced(lookups, references, light, fenced(inside, references, source, references))
+    return lookups(light, inside(source, references))
+
+
+@partial(jax.jit, static_argnames=("size", "rule"))
+def outlines_in_lobes(
+    source: Source, references: References, *, size: int, rule: Quadrature
+) -> list[Directions]:
+    """The parts of outlines inside their sites' lobes, as sets to be taken in turn."""
     axis, cap = references.extra
-    directions = normalized(outlines(vectors, references, size))
-    return cap_lookups(light.scalar.height, directions, axis, cap.rim, rule.pieces, rule.lookup)
+    directions = normalized(outlines(source, references, size, rule.interpolation))
+    return parts_in_cap(directions, axis, cap.rim, rule.pieces)
 
 
 @partial(jax.jit, static_argnames="rule")
@@ -176,8 +217,10 @@ def _ratio(
     return jnp.concatenate([ratio, jnp.ones((1, 3))]).take(place, axis=0)
 
 
-def _alone(sites: Sites) -> Sites:
-    """Each site once."""
-    polygon, weight = np.full_like(sites.polygon, -1), np.zeros_like(sites.weight)
-    polygon[:, 0], weight[:, 0] = 0, 1.0
-    return sites._replace(polygon=polygon, weight=weight)
+def _lobes_at(
+    sites: Sites, lobes: tuple[Array | np.ndarray, Cap], rows: Int[np.ndarray, "rows"]
+) -> References:
+    """Some sites' lobes, whatever the polygons."""
+    position, normal, plane = (field.take(rows, axis=0) for field in sites[:3])
+    some = jax.tree.map(lambda leaf: leaf.take(rows, axis=0), lobes)
+    return References(np.zeros(len(rows), np.int32), position, normal, plane, some)

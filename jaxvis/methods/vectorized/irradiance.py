@@ -10,7 +10,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxvis.methods.vectorized.evaluation import References, Sites, sum_over_polygons
+from jaxvis.methods.vectorized.correspondence.interpolated import (
+    Interpolation,
+    TripleLists,
+    interpolated,
+    polygons_of,
+    sum_over_outlines,
+)
+from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
+from jaxvis.methods.vectorized.evaluation import Integral, References, Sites, fenced
 from jaxvis.methods.vectorized.light import PolygonLight
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 from jaxvis.sphere.contours import ContourTable, Lookup, Lookups, integrate, trapezoid, vsat
@@ -23,6 +31,9 @@ from jaxvis.sphere.polygons import (
     subdivide,
 )
 
+Source = Float[Array, "polygons 4 capacity"] | TripleLists
+"""What outlines are made from: polygons, each seen by itself, or corresponding ones."""
+
 SHORTEST = 1e-6
 """Length below which edges count as this long when their sharpness is scaled."""
 
@@ -32,12 +43,14 @@ class Quadrature:
     """How contours are integrated.
 
     ``split`` cuts every edge in ``pieces`` and applies the trapezoidal rule; ``vsat`` leaves edges
-    whole and estimates where the light beside them lies.
+    whole and estimates where the light beside them lies. ``interpolation`` says what is
+    interpolated where polygons correspond.
     """
 
     integration: Literal["split", "vsat"] = "split"
     pieces: int = 1
     lookup: Lookup = "nearest"
+    interpolation: Interpolation = "position"
 
     @property
     def lookups_per_vector(self) -> int:
@@ -52,7 +65,7 @@ def is_traced(*trees: Any) -> bool:
 
 
 def irradiance(
-    visibility: VisibilityPolygons,
+    visibility: VisibilityPolygons | CorrespondingPolygons,
     light: PolygonLight,
     sites: Sites,
     quadrature: Quadrature,
@@ -62,25 +75,26 @@ def irradiance(
     """Irradiance at each site from what its polygons see, three channels for each table.
 
     Args:
-        visibility: the polygons.
+        visibility: the polygons, and perhaps their correspondence.
         light: where sharpness comes from.
         sites: where.
         quadrature: how.
         tables: ``light.vector``, ``light.blurred`` or both: the same lookups serve all.
         options: ``lookups_per_chunk`` of :func:`sum_over_polygons`.
     """
-    traced = is_traced(light, visibility.vectors)
+    traced = is_traced(light, polygons_of(visibility).vectors)
 
-    def integral(references: References, size: int) -> Float[Array, "references channels"]:
-        lookups = irradiance_lookups(
-            visibility.vectors, light, references, size=size, quadrature=quadrature
-        )
-        if traced:
-            lookups = jax.lax.optimization_barrier(lookups)
-        values = [projected(table, lookups, references.normal) for table in tables]
-        return values[0] if len(values) == 1 else jnp.concatenate(values, axis=-1)
+    def integral(source: Source) -> Integral:
+        def of_outlines(references: References, size: int) -> Float[Array, "references channels"]:
+            lookups = irradiance_lookups(
+                source, light, references, size=size, quadrature=quadrature, traced=traced
+            )
+            values = [projected(table, lookups, references.normal) for table in tables]
+            return values[0] if len(values) == 1 else jnp.concatenate(values, axis=-1)
 
-    return sum_over_polygons(
+        return of_outlines
+
+    return sum_over_outlines(
         integral,
         visibility,
         sites,
@@ -92,36 +106,62 @@ def irradiance(
 
 
 def outlines(
-    vectors: Float[Array, "polygons 4 capacity"], references: References, size: int
+    source: Source, references: References, size: int, interpolation: Interpolation = "position"
 ) -> Directions:
-    """The first ``size`` vectors of each polygon as seen from its site, above both planes.
+    """The first ``size`` vectors of each outline as seen from its site, above both planes.
 
-    Not normalised. Paper 000, eq. 3.
+    Not normalised. Paper 000, eqs. 3 and 21.
     """
-    rows = jax.vmap(lambda i: jax.lax.dynamic_slice_in_dim(vectors, i, 1)[0, :, :size])
-    seen = seen_from(rows(jnp.asarray(references.polygon)), jnp.asarray(references.position))
+    if isinstance(source, TripleLists):
+        seen = interpolated(source, references, size, interpolation)
+    else:
+        rows = jax.vmap(lambda i: jax.lax.dynamic_slice_in_dim(source, i, 1)[0, :, :size])
+        seen = seen_from(rows(jnp.asarray(references.polygon)), jnp.asarray(references.position))
     above = clamp_to_hemisphere(seen, jnp.asarray(references.plane))
     return clamp_to_hemisphere(above, jnp.asarray(references.normal))
 
 
-@partial(jax.jit, static_argnames=("size", "quadrature"))
 def irradiance_lookups(
-    vectors: Float[Array, "polygons 4 capacity"],
+    source: Source,
     light: PolygonLight,
     references: References,
     *,
     size: int,
     quadrature: Quadrature,
+    traced: bool = False,
 ) -> Lookups:
-    """Where the tables are read, for the first ``size`` vectors of each polygon."""
-    directions = outlines(vectors, references, size)
+    """Where the tables are read, for the first ``size`` vectors of each outline.
+
+    Two jitted calls: in one, XLA would make the outlines again for every lookup.
+    """
+    pieces = partial(outline_pieces, size=size, quadrature=quadrature)
+    lookups = partial(contour_lookups, quadrature=quadrature)
+    if traced:
+        sets = fenced(pieces, references, source, references)
+        return fenced(lookups, references, light, sets)
+    return lookups(light, pieces(source, references))
+
+
+@partial(jax.jit, static_argnames=("size", "quadrature"))
+def outline_pieces(
+    source: Source, references: References, *, size: int, quadrature: Quadrature
+) -> list[Directions]:
+    """Outlines with their edges cut, as sets of directions to be taken in turn."""
+    directions = outlines(source, references, size, quadrature.interpolation)
     if quadrature.integration == "vsat":
-        directions = normalized(directions)
-        sharpness = edge_sharpness(light, directions)
-        return vsat(light.luminous, [directions], sharpness, quadrature.lookup)
-    sets = [directions]
-    if quadrature.pieces > 1:
-        sets = subdivide(normalized(directions), quadrature.pieces)
+        return [normalized(directions)]
+    if quadrature.pieces == 1:
+        return [directions]
+    return subdivide(normalized(directions), quadrature.pieces)
+
+
+@partial(jax.jit, static_argnames="quadrature")
+def contour_lookups(
+    light: PolygonLight, sets: list[Directions], *, quadrature: Quadrature
+) -> Lookups:
+    """Where the tables are read along outlines."""
+    if quadrature.integration == "vsat":
+        return vsat(light.luminous, sets, edge_sharpness(light, sets[0]), quadrature.lookup)
     return trapezoid(light.vector.height, sets, quadrature.lookup)
 
 

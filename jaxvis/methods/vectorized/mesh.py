@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
+from jaxvis.methods.vectorized.refine.locate import Forest, locate
 from jaxvis.scene import Surface
 
 
@@ -19,6 +20,8 @@ class Mesh(NamedTuple):
     edge_count: int
     planes: Float32[np.ndarray, "triangles 3"]
     """Unit normals of the fronts."""
+    forest: Forest | None
+    """From the scene's triangles to these, where they are their parts."""
 
     @staticmethod
     def of(visibility: VisibilityPolygons) -> "Mesh":
@@ -47,8 +50,12 @@ def shaded_pixels(mesh: Mesh, surface: Surface) -> Pixels:
     index = np.flatnonzero(np.asarray(surface.mask)).astype(np.int32)
     triangle = np.asarray(surface.triangle).reshape(-1).take(index)
     count = len(mesh.planes)
-    if len(triangle) and triangle.max() >= count:
+    roots = count if mesh.forest is None else mesh.forest.roots
+    if len(triangle) and triangle.max() >= roots:
         raise ValueError("the surface was traced in another scene than the visibility's")
+    barycentrics = np.asarray(surface.barycentrics).reshape(-1, 3).take(index, axis=0)
+    if mesh.forest is not None:
+        triangle, barycentrics = locate(mesh.forest, triangle, barycentrics)
     normal = np.asarray(surface.geometric_normal).reshape(-1, 3).take(index, axis=0)
     behind = np.einsum("pc,pc->p", normal, mesh.planes.take(triangle, axis=0)) < 0.0
     face = triangle + np.where(behind, np.int32(count), np.int32(0))
@@ -57,7 +64,6 @@ def shaded_pixels(mesh: Mesh, surface: Surface) -> Pixels:
             "the surface shows backs of triangles without visibility: make their materials "
             "two-sided before precomputing"
         )
-    barycentrics = np.asarray(surface.barycentrics).reshape(-1, 3).take(index, axis=0)
     return Pixels(index, face, barycentrics)
 
 
@@ -91,9 +97,11 @@ def _build(visibility: VisibilityPolygons) -> Mesh:
     start, end = np.roll(faces, -1, axis=1), np.roll(faces, -2, axis=1)
     keys = np.minimum(start, end).astype(np.int64) * (len(positions) + 1) + np.maximum(start, end)
     found, edges = np.unique(keys, return_inverse=True)
+    splits, children = np.asarray(visibility.splits), np.asarray(visibility.children)
     return Mesh(
         faces,
         edges.reshape(-1, 3).astype(np.int32),
         len(found),
         (cross / np.where(length > 0.0, length, 1.0)).astype(np.float32),
+        Forest(splits, children) if len(splits) else None,
     )

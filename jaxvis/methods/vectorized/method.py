@@ -1,5 +1,6 @@
 """Vectorized visibility as a method: precompute, light, shade (paper 000)."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -13,6 +14,8 @@ from jaxvis.cache import cached_arrays, content_hash
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method
 from jaxvis.methods.vectorized.contrast import contrast
+from jaxvis.methods.vectorized.correspondence.interpolated import polygons_of
+from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
 from jaxvis.methods.vectorized.evaluation import Sites
 from jaxvis.methods.vectorized.glossy import lobe_visibility
 from jaxvis.methods.vectorized.irradiance import Quadrature, irradiance, is_traced
@@ -26,6 +29,7 @@ from jaxvis.methods.vectorized.plan import (
 )
 from jaxvis.methods.vectorized.polygons import FIELDS, KIND, VisibilityPolygons
 from jaxvis.methods.vectorized.precompute import Settings, precompute_polygons
+from jaxvis.methods.vectorized.refine.refine import Goal, refine_polygons
 from jaxvis.methods.vectorized.resolve import diffuse_image, glossy_image
 from jaxvis.methods.vectorized.tessellation import edge_levels, plan_tessellation
 from jaxvis.reflectance import Lambert
@@ -34,6 +38,8 @@ from jaxvis.sphere.contours import Lookup
 
 Shading = Literal["tessellated", "fragment", "vertex"]
 Integration = Literal["split", "vsat"]
+
+Visibility = VisibilityPolygons | CorrespondingPolygons
 
 LARGEST_ZETA = 8.0
 """Triangles in 65536 parts: more is a slip."""
@@ -58,6 +64,10 @@ class VectorizedVisibility(Method):
 
     ``vectors`` is the most that a polygon has, ``resolution`` the cells along the hemisphere map
     from which it is traced.
+
+    ``refine`` adds polygons between the vertices, first where interpolation errs most for its
+    length, until no edge or triangle errs by more than this part of a uniform sky's irradiance, or
+    the polygons take ``growth`` times the bytes of those at the vertices; None adds none.
     """
 
     vectors: int = 128
@@ -68,6 +78,8 @@ class VectorizedVisibility(Method):
     lookup: Lookup = "nearest"
     sharpness: float | Literal["paper", "scaled"] = "scaled"
     resolution: int = Settings().resolution
+    refine: float | None = None
+    growth: float = Goal().growth
 
     def __post_init__(self) -> None:
         for name, options in (
@@ -87,6 +99,7 @@ class VectorizedVisibility(Method):
                 f"integration 'vsat' leaves edges whole: pieces must be 1, got {self.pieces}"
             )
         self._settings.check()
+        self._goal.check()
 
     @property
     def quadrature(self) -> Quadrature:
@@ -100,17 +113,31 @@ class VectorizedVisibility(Method):
             vectors=self.vectors, resolution=self.resolution, coarsest=self.resolution // 2
         )
 
+    @property
+    def _goal(self) -> Goal:
+        goal = Goal(growth=self.growth)
+        return goal if self.refine is None else goal._replace(target=self.refine)
+
     def precompute(self, scene: Scene, progress: bool = True) -> VisibilityPolygons:
-        """Polygons at the vertices, or those that an earlier call stored on disk."""
+        """Polygons at the vertices, and between them where ``refine`` asks for it.
+
+        What an earlier call stored on disk is taken from there.
+        """
         both = np.array([m.two_sided for m in scene.materials])[scene.material_ids]
         key = content_hash(scene.geometry_hash, both, tuple(self._settings), FIELDS)
 
-        def build() -> dict[str, Array]:
-            found = precompute_polygons(scene, self._settings, progress=progress)
-            return {name: getattr(found, name) for name in FIELDS}
+        def trace() -> VisibilityPolygons:
+            return precompute_polygons(scene, self._settings, progress=progress)
 
-        arrays, _ = cached_arrays(KIND, key, build)
-        return VisibilityPolygons(**{name: jnp.asarray(arrays[name]) for name in FIELDS})
+        polygons = _cached(key, trace)
+        if self.refine is None:
+            return polygons
+
+        def refine() -> VisibilityPolygons:
+            options = {"settings": self._settings, "progress": progress}
+            return refine_polygons(scene, polygons, self._goal, **options)[0]
+
+        return _cached(content_hash(key, tuple(self._goal)), refine)
 
     def light(self, environment: Environment) -> PolygonLight:
         """Summed-area tables of the environment, and its Phong lobes."""
@@ -118,7 +145,7 @@ class VectorizedVisibility(Method):
 
     def shade(
         self,
-        visibility: VisibilityPolygons,
+        visibility: Visibility,
         light: PolygonLight,
         surface: Surface,
         *,
@@ -133,7 +160,7 @@ class VectorizedVisibility(Method):
         plan, corners = self._plan(visibility, light, surface)
         return self._shade(visibility, light, surface, plan, corners)
 
-    def plan(self, visibility: VisibilityPolygons, light: PolygonLight, surface: Surface) -> Plan:
+    def plan(self, visibility: Visibility, light: PolygonLight, surface: Surface) -> Plan:
         """Where :meth:`shade` evaluates the light, and how pixels interpolate it.
 
         A tessellation depends on the light, as a constant: gradients do not see it.
@@ -145,7 +172,7 @@ class VectorizedVisibility(Method):
 
     def shade_planned(
         self,
-        visibility: VisibilityPolygons,
+        visibility: Visibility,
         light: PolygonLight,
         surface: Surface,
         plan: Plan,
@@ -153,34 +180,38 @@ class VectorizedVisibility(Method):
         """:meth:`shade` with a plan that was made before, perhaps for another light."""
         return self._shade(visibility, light, surface, plan, None)
 
-    def evaluations(
-        self, visibility: VisibilityPolygons, light: PolygonLight, surface: Surface
-    ) -> int:
+    def evaluations(self, visibility: Visibility, light: PolygonLight, surface: Surface) -> int:
         """Polygons that are integrated; under the blurred environment, too."""
         return self.plan(visibility, light, surface).evaluations
 
     def _plan(
-        self, visibility: VisibilityPolygons, light: PolygonLight, surface: Surface
+        self, visibility: Visibility, light: PolygonLight, surface: Surface
     ) -> tuple[Plan, Float32[np.ndarray, "corners 3"] | None]:
         """The plan, and the irradiance at its first sites if it is known already."""
-        _require_known(visibility, surface)
-        mesh = Mesh.of(visibility)
+        self._require(visibility)
+        polygons = polygons_of(visibility)
+        _require_known(polygons, surface)
+        mesh = Mesh.of(polygons)
         pixels = shaded_pixels(mesh, surface)
         if self.shading == "fragment":
             return plan_fragments(visibility, mesh, pixels, surface), None
         faces = faces_in_view(mesh, pixels)
-        polygons = polygons_in_view(mesh, faces, len(visibility.counts))
-        difference = np.zeros(len(visibility.counts), np.float32)
+        corners = polygons_in_view(mesh, faces, len(polygons.counts))
+        difference = np.zeros(len(polygons.counts), np.float32)
         found = None
         if self.shading == "tessellated":
-            sites = corner_sites(visibility, polygons)
-            found, difference[polygons] = self._differences(visibility, light, sites)
+            sites = corner_sites(polygons, corners)
+            found, difference[corners] = self._differences(polygons, light, sites)
         zeta = self.zeta if self.shading == "tessellated" else 0.0
         levels = edge_levels(mesh, faces, difference, zeta)
-        plan = plan_tessellation(visibility, mesh, pixels, polygons, levels, surface.mask.size)
+        plan = plan_tessellation(visibility, mesh, pixels, corners, levels, surface.mask.size)
         if self.shading == "tessellated":
-            plan = plan._replace(evaluations=plan.evaluations + len(polygons))
+            plan = plan._replace(evaluations=plan.evaluations + len(corners))
         return plan, None if is_traced(light) else found
+
+    def _require(self, visibility: Visibility) -> None:
+        if not isinstance(visibility, VisibilityPolygons):
+            raise ValueError("vectorized shades VisibilityPolygons: give it visibility.polygons")
 
     def _differences(
         self, visibility: VisibilityPolygons, light: PolygonLight, sites: Sites
@@ -199,7 +230,7 @@ class VectorizedVisibility(Method):
 
     def _shade(
         self,
-        visibility: VisibilityPolygons,
+        visibility: Visibility,
         light: PolygonLight,
         surface: Surface,
         plan: Plan,
@@ -212,7 +243,7 @@ class VectorizedVisibility(Method):
         values = padded(found, plan.capacity)
         if isinstance(surface.reflectance, Lambert):
             return diffuse_image(values, plan.stencil, surface, clipped=plan.clipped)
-        known = not is_traced(light, visibility, surface)
+        known = not is_traced(light, polygons_of(visibility), surface)
         with jax.ensure_compile_time_eval() if known else nullcontext():
             seen = lobe_visibility(
                 visibility,
@@ -224,6 +255,17 @@ class VectorizedVisibility(Method):
                 self.quadrature,
             )
         return glossy_image(values, seen, plan.stencil, surface, light, clipped=plan.clipped)
+
+
+def _cached(key: str, build: Callable[[], VisibilityPolygons]) -> VisibilityPolygons:
+    """Polygons from the disk, or else those of ``build``."""
+
+    def fields() -> dict[str, Array]:
+        found = build()
+        return {name: getattr(found, name) for name in FIELDS}
+
+    arrays, _ = cached_arrays(KIND, key, fields)
+    return VisibilityPolygons(**{name: jnp.asarray(arrays[name]) for name in FIELDS})
 
 
 def _require_known(visibility: VisibilityPolygons, surface: Surface) -> None:

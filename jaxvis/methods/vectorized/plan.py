@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float32, Int32
 
+from jaxvis.methods.vectorized.correspondence.interpolated import joined_outlines, polygons_of
+from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
 from jaxvis.methods.vectorized.evaluation import Sites
 from jaxvis.methods.vectorized.mesh import Mesh, Pixels
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
@@ -81,7 +83,7 @@ def corner_sites(visibility: VisibilityPolygons, polygons: Int32[np.ndarray, "co
     weight = np.zeros((len(polygons), 3), np.float32)
     weight[:, 0] = 1.0
     position = np.asarray(visibility.positions).take(polygons, axis=0)
-    return Sites(position, normal, normal, reference, weight)
+    return Sites(position, normal, normal, reference, weight, np.full(len(polygons), -1, np.int32))
 
 
 def without_buried(
@@ -110,20 +112,41 @@ def renormalised(
     return changed
 
 
+def sites_in_faces(
+    visibility: VisibilityPolygons | CorrespondingPolygons,
+    mesh: Mesh,
+    face: Int32[np.ndarray, "sites"],
+    weight: Float32[np.ndarray, "sites 3"],
+    position: Float32[np.ndarray, "sites 3"],
+    normal: Float32[np.ndarray, "sites 3"],
+    plane: Float32[np.ndarray, "sites 3"],
+) -> Sites:
+    """Sites with the polygons of their faces' corners, joined to one outline if they correspond."""
+    corners = mesh.faces.take(face, axis=0)
+    polygon, weight = without_buried(polygons_of(visibility), corners, weight)
+    joined = joined_outlines(visibility, mesh, face, polygon, weight)
+    return Sites(position, normal, plane, *joined)
+
+
 def plan_fragments(
-    visibility: VisibilityPolygons, mesh: Mesh, pixels: Pixels, surface: Surface
+    visibility: VisibilityPolygons | CorrespondingPolygons,
+    mesh: Mesh,
+    pixels: Pixels,
+    surface: Surface,
 ) -> Plan:
     """A site at every shaded pixel, with the polygons of its triangle's corners (eq. 19)."""
 
     def at_pixels(field: Array) -> np.ndarray:
         return np.asarray(field).reshape(-1, 3).take(pixels.index, axis=0)
 
-    polygon = mesh.faces.take(pixels.face, axis=0)
-    sites = Sites(
+    sites = sites_in_faces(
+        visibility,
+        mesh,
+        pixels.face,
+        pixels.barycentrics,
         at_pixels(surface.position),
         at_pixels(surface.normal),
         at_pixels(surface.geometric_normal),
-        *without_buried(visibility, polygon, pixels.barycentrics),
     )
     own = np.arange(len(pixels.index), dtype=np.int32)[:, None]
     size = surface.mask.size

@@ -1,6 +1,6 @@
 """What vectorized visibility stores: a polygon of position vectors at every vertex."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 
 import jax
@@ -28,6 +28,10 @@ class VisibilityPolygons:
     its back: -1 where the material has only one side, and none at all where that holds for the
     whole mesh. ``buried`` samples lie behind a surface that passes through their triangles: where a
     triangle has other corners they should not count.
+
+    Where the scene's triangles are refined, ``triangles`` and ``backs`` are their parts, and
+    ``splits`` and ``children`` lead from the scene's triangles to them
+    (:class:`~jaxvis.methods.vectorized.refine.locate.Forest`). Otherwise both are empty.
     """
 
     vectors: Float[Array, "polygons 4 capacity"]
@@ -37,6 +41,8 @@ class VisibilityPolygons:
     triangles: Int[Array, "triangles 3"]
     backs: Int[Array, "backs 3"]
     buried: Bool[Array, "polygons"]
+    splits: Int[Array, "nodes"] = field(default_factory=lambda: jnp.zeros(0, jnp.int8))
+    children: Int[Array, "nodes"] = field(default_factory=lambda: jnp.zeros(0, jnp.int32))
 
     @property
     def capacity(self) -> int:

@@ -22,6 +22,7 @@ from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 from jaxvis.methods.vectorized.sequences import sequences
 from jaxvis.methods.vectorized.silhouettes import position_vectors
 from jaxvis.methods.vectorized.simplify import simplify
+from jaxvis.methods.vectorized.touching import clear_of_surfaces
 from jaxvis.methods.vectorized.vertices import vertex_samples
 from jaxvis.scene import RayTracer, Scene
 from jaxvis.scene.rays import offset_origins
@@ -76,19 +77,15 @@ def precompute_polygons(
     """
     settings.check()
     vertices = vertex_samples(scene)
-    vectors, counts = trace_polygons(
-        scene.tracer,
+    vectors, counts, hidden = trace_samples(
+        scene,
         vertices.positions,
         vertices.normals,
-        origins=vertices.origins,
-        dips=vertices.dips,
-        corners=scene.positions[scene.triangles],
-        settings=settings,
+        vertices.origins,
+        vertices.dips,
+        settings,
         progress=progress,
     )
-    one_sided = np.array([not m.two_sided for m in scene.materials])[scene.material_ids]
-    samples = Samples.of(vertices.positions, vertices.normals, vertices.origins)
-    hidden = buried(scene.tracer, samples, scene.geometric_normals, one_sided)
     return VisibilityPolygons(
         vectors=jnp.asarray(vectors),
         counts=jnp.asarray(counts),
@@ -98,6 +95,42 @@ def precompute_polygons(
         backs=jnp.asarray(vertices.backs),
         buried=jnp.asarray(hidden),
     )
+
+
+def trace_samples(
+    scene: Scene,
+    positions: Float32[np.ndarray, "samples 3"],
+    normals: Float32[np.ndarray, "samples 3"],
+    origins: Float32[np.ndarray, "samples 3"],
+    dips: Float32[np.ndarray, "samples"],
+    settings: Settings,
+    *,
+    progress: bool,
+) -> tuple[
+    Float32[np.ndarray, "samples 4 vectors"],
+    Int32[np.ndarray, "samples"],
+    Bool[np.ndarray, "samples"],
+]:
+    """(position vectors, how many of them are used, whether it is buried) of each sample.
+
+    The arguments are those of :func:`trace_polygons`.
+    """
+    one_sided = np.array([not m.two_sided for m in scene.materials])[scene.material_ids]
+    samples = Samples.of(positions, normals, origins)
+    surfaces = scene.geometric_normals, one_sided
+    origins = clear_of_surfaces(scene.tracer, samples, *surfaces)
+    vectors, counts = trace_polygons(
+        scene.tracer,
+        positions,
+        normals,
+        origins=origins,
+        dips=dips,
+        corners=scene.positions[scene.triangles],
+        settings=settings,
+        progress=progress,
+    )
+    hidden = buried(scene.tracer, samples._replace(origins=origins), *surfaces)
+    return vectors, counts, hidden
 
 
 def trace_polygons(

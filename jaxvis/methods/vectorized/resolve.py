@@ -4,10 +4,11 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxvis.methods.vectorized.light import PolygonLight
-from jaxvis.methods.vectorized.nearest_lobe import specular_lobe
+from jaxvis.methods.vectorized.nearest_lobe import SpecularLobe, specular_lobe
 from jaxvis.methods.vectorized.plan import Stencil
 from jaxvis.scene import Surface
 from jaxvis.sphere.frames import dot
@@ -43,9 +44,8 @@ def diffuse_image(
     return surface.to_image(radiance if clipped else clearance(surface)[..., None] * radiance)
 
 
-@partial(jax.jit, static_argnames="clipped")
 def glossy_image(
-    irradiance: Float[Array, "capacity 3"],
+    irradiance: Float[Array | np.ndarray, "capacity 3"],
     seen: Float[Array, "capacity 3"],
     stencil: Stencil,
     surface: Surface,
@@ -53,11 +53,38 @@ def glossy_image(
     *,
     clipped: bool,
 ) -> Float[Array, "height width 3"]:
-    """The image of irradiance and of the lobes' light, of which a part is ``seen`` (eq. 14)."""
+    """The image of irradiance and of the lobes' light, of which a part is ``seen`` (eq. 14).
+
+    Three jitted calls: in one, XLA would find the lobes again for every texel of their maps.
+    """
+    lobe = _lobes(surface)
+    unoccluded = _unoccluded(light, lobe)
+    return _reflected(irradiance, seen, stencil, surface, lobe, unoccluded, clipped=clipped)
+
+
+@jax.jit
+def _lobes(surface: Surface) -> SpecularLobe:
+    return specular_lobe(surface.reflectance, surface.material, surface.normal, surface.view)
+
+
+@jax.jit
+def _unoccluded(light: PolygonLight, lobe: SpecularLobe) -> Float[Array, "rows columns 3"]:
+    return light.lobes.radiance(lobe.mirror, lobe.exponent)
+
+
+@partial(jax.jit, static_argnames="clipped")
+def _reflected(
+    irradiance: Float[Array, "capacity 3"],
+    seen: Float[Array, "capacity 3"],
+    stencil: Stencil,
+    surface: Surface,
+    lobe: SpecularLobe,
+    unoccluded: Float[Array, "rows columns 3"],
+    *,
+    clipped: bool,
+) -> Float[Array, "height width 3"]:
     both = jnp.concatenate([irradiance, seen], axis=-1)
     found = interpolate(both, stencil).reshape(*surface.mask.shape, 6)
-    lobe = specular_lobe(surface.reflectance, surface.material, surface.normal, surface.view)
     diffuse = lobe.diffuse * (found[..., :3] / jnp.pi)
     diffuse = diffuse if clipped else clearance(surface)[..., None] * diffuse
-    specular = lobe.scale * light.lobes.radiance(lobe.mirror, lobe.exponent)
-    return surface.to_image(diffuse + found[..., 3:] * specular)
+    return surface.to_image(diffuse + found[..., 3:] * (lobe.scale * unoccluded))

@@ -50,28 +50,23 @@ def phong_cap(exponent: Float[Array, "*points"]) -> Cap:
     return Cap(1.0 - radius, 1.0 - radius / fall)
 
 
-def cap_lookups(
-    height: int,
+def parts_in_cap(
     directions: Directions,
     mirror: Float[Array, "points 3"],
     rim: Float[Array, "points"],
     pieces: int,
-    lookup: Lookup,
-) -> Lookups:
-    """Lookups of the part of each polygon inside the circle about ``mirror``.
+) -> list[Directions]:
+    """The part of each polygon inside the circle about ``mirror``, as sets to be taken in turn.
 
     Edges are divided before they are moved to the circle, which they then follow more closely.
 
     Args:
-        height: of the tables.
         directions: unit, above the horizon.
         mirror: unit, above the horizon.
         rim: cosine of the circle's radius.
         pieces: of each edge, for the trapezoidal rule.
-        lookup: as for :func:`jaxvis.sphere.contours.trapezoid`.
     """
-    sets = [retract_to_cap(part, mirror, rim) for part in subdivide(directions, pieces)]
-    return trapezoid(height, sets, lookup)
+    return [retract_to_cap(part, mirror, rim) for part in subdivide(directions, pieces)]
 
 
 def circle_lookups(

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
+from jaxvis.methods.vectorized.correspondence.interpolated import polygons_of
+from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
 from jaxvis.methods.vectorized.evaluation import Sites
 from jaxvis.methods.vectorized.mesh import Mesh, Pixels
 from jaxvis.methods.vectorized.plan import (
@@ -22,7 +24,7 @@ from jaxvis.methods.vectorized.plan import (
     over_image,
     renormalised,
     room,
-    without_buried,
+    sites_in_faces,
 )
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 
@@ -100,22 +102,22 @@ def edge_levels(
 
 
 def plan_tessellation(
-    visibility: VisibilityPolygons,
+    visibility: VisibilityPolygons | CorrespondingPolygons,
     mesh: Mesh,
     pixels: Pixels,
-    polygons: Int32[np.ndarray, "corners"],
+    corners: Int32[np.ndarray, "corners"],
     levels: Levels,
     size: int,
 ) -> Plan:
     """Sites at the corners in view, and at those grid points between which pixels lie.
 
-    ``polygons`` are those of the faces in view: the first sites of the plan. ``size`` is how many
-    pixels the image has, shaded or not.
+    ``corners`` are the polygons of the faces in view: the first sites of the plan. ``size`` is how
+    many pixels the image has, shaded or not.
 
     Raises:
         ValueError: more grid points than an index holds.
     """
-    corners = len(polygons)
+    polygons, known = polygons_of(visibility), len(corners)
     cell_of, cells, weights = _cells(mesh, levels, pixels)
     step = cells.turned.astype(np.int32)
     points = GridPoints(
@@ -125,12 +127,12 @@ def plan_tessellation(
     )
     count = len(points.row)
     points, border, hanging, fraction = _beside_hanging(levels, points, _border(levels, points))
-    site_of = _inverse(polygons, len(visibility.positions))
-    addresses, bound = _addresses(mesh, levels, points, border, site_of, corners)
-    site, first = _numbered(addresses, bound, corners)
+    site_of = _inverse(corners, len(polygons.positions))
+    addresses, bound = _addresses(mesh, levels, points, border, site_of, known)
+    site, first = _numbered(addresses, bound, known)
     grid = _grid_sites(visibility, mesh, levels, points.take(first))
-    known = corner_sites(visibility, polygons)
-    sites = Sites(*(np.concatenate(pair) for pair in zip(known, grid, strict=True)))
+    at_corners = corner_sites(polygons, corners)
+    sites = Sites(*(np.concatenate(pair) for pair in zip(at_corners, grid, strict=True)))
     capacity = room(len(sites.normal))
     ends = np.stack([site.take(hanging), site[count:]], axis=-1)
     nodes = site[:count]
@@ -142,7 +144,7 @@ def plan_tessellation(
         nodes.reshape(-1, 3).take(cell_of, axis=0),
         weights,
     )
-    hidden = np.asarray(visibility.buried).take(polygons)
+    hidden = np.asarray(polygons.buried).take(corners)
     if hidden.any():
         stencil = _without_hidden_corners(stencil, capacity, hidden)
     stencil = stencil._replace(
@@ -303,15 +305,23 @@ def _numbered(
 
 
 def _grid_sites(
-    visibility: VisibilityPolygons, mesh: Mesh, levels: Levels, points: GridPoints
+    visibility: VisibilityPolygons | CorrespondingPolygons,
+    mesh: Mesh,
+    levels: Levels,
+    points: GridPoints,
 ) -> Sites:
-    """Sites on the flat faces, with the normalised interpolated normals."""
+    """Sites on the flat faces, with the normalised interpolated normals.
+
+    Points on edges are found in whichever of the edge's faces pixels see; where polygons
+    correspond, their outline is nevertheless one: see :func:`joined_outlines`.
+    """
+    polygons = polygons_of(visibility)
     n = _parts(levels.face).take(points.row)
     weight = np.stack([n - points.i - points.j, points.i, points.j], axis=-1) / n[:, None]
     weight = weight.astype(np.float32)
     face = levels.faces.take(points.row)
     polygon = mesh.faces.take(face, axis=0)
-    normals, positions = np.asarray(visibility.normals), np.asarray(visibility.positions)
+    normals, positions = np.asarray(polygons.normals), np.asarray(polygons.positions)
     normal = _weighted(weight, normals.take(polygon, axis=0))
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     # Normals that cancel: those of the fronts will do.
@@ -319,7 +329,7 @@ def _grid_sites(
     plane = mesh.planes.take(face % len(mesh.planes), axis=0) * side[:, None]
     normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), plane)
     position = _weighted(weight, positions.take(polygon, axis=0))
-    return Sites(position, normal, normal, *without_buried(visibility, polygon, weight))
+    return sites_in_faces(visibility, mesh, face, weight, position, normal, normal)
 
 
 def _weighted(

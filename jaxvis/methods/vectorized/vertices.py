@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int, Int32
 
 from jaxvis.scene import Scene
 from jaxvis.scene.rays import OFFSET_SCALE
@@ -20,6 +20,24 @@ LEAST_RISE = 0.1
 
 LEAST_SCALE = 0.05
 """Of the scene's diagonal: least distance from the centre to which offsets are scaled."""
+
+
+class Around(NamedTuple):
+    """The triangles round samples: a row for each triangle at each sample."""
+
+    sample: Int[np.ndarray, "rows"]
+    plane: Float[np.ndarray, "rows 3"]
+    """The triangle's unit normal on the sample's side."""
+    centre: Float[np.ndarray, "rows 3"]
+    """The triangle's."""
+
+
+class Placed(NamedTuple):
+    """How samples see."""
+
+    normals: Float32[np.ndarray, "samples 3"]
+    origins: Float32[np.ndarray, "samples 3"]
+    dips: Float32[np.ndarray, "samples"]
 
 
 class VertexSamples(NamedTuple):
@@ -52,28 +70,53 @@ def vertex_samples(scene: Scene, *, largest_dip: float = LARGEST_DIP) -> VertexS
     corner = np.concatenate([triangles.reshape(-1), backs[sides].reshape(-1)])
     faces = np.arange(len(scene.triangles))
     face = np.repeat(np.concatenate([faces, faces[both]]), 3)
-    plane = side[corner] * scene.geometric_normals[face]
-    positions = scene.positions[vertex]
-    normals = _mended(side * scene.normals[vertex], corner, plane)
     centre = scene.positions[scene.triangles].mean(axis=1, dtype=np.float64)
-    towards = _unit(centre[face] - positions[corner])
-    offset = _offsets(normals, corner, plane, towards)
+    around = Around(corner, side[corner] * scene.geometric_normals[face], centre[face])
+    positions = scene.positions[vertex]
+    placed = placed_samples(
+        positions,
+        side * scene.normals[vertex],
+        around,
+        diagonal=scene.diagonal,
+        largest_dip=largest_dip,
+    )
+    return VertexSamples(positions, *placed, triangles, backs)
+
+
+def placed_samples(
+    positions: Float[np.ndarray, "samples 3"],
+    normals: Float[np.ndarray, "samples 3"],
+    around: Around,
+    *,
+    diagonal: float,
+    largest_dip: float = LARGEST_DIP,
+) -> Placed:
+    """Normals, origins of rays and domains of samples on a surface.
+
+    Args:
+        positions: of the samples, centred coordinates.
+        normals: of any length; where one is zero, it becomes that of one of the triangles.
+        around: the triangles of which the samples are corners, or on whose edges they lie.
+        diagonal: of the scene.
+        largest_dip: most that a domain reaches below the tangent plane, as a sine.
+    """
+    corner, plane, centre = around
+    unit = _mended(normals, corner, plane)
+    towards = _unit(centre - positions[corner])
+    offset = _offsets(unit, corner, plane, towards)
     farthest = np.max(np.abs(positions), axis=-1, keepdims=True, initial=0.0)
     # Near the origin float32 is finer than the rays' directions are over the scene's extent.
-    scale = np.maximum(farthest, LEAST_SCALE * scene.diagonal)
-    return VertexSamples(
-        positions,
-        normals.astype(np.float32),
+    scale = np.maximum(farthest, LEAST_SCALE * diagonal)
+    return Placed(
+        unit.astype(np.float32),
         (positions + OFFSET_SCALE * scale * offset).astype(np.float32),
-        _dips(normals, corner, plane, largest_dip),
-        triangles,
-        backs,
+        _dips(unit, corner, plane, largest_dip),
     )
 
 
 def _mended(
     normals: Float[np.ndarray, "samples 3"],
-    corner: Int32[np.ndarray, "corners"],
+    corner: Int[np.ndarray, "corners"],
     plane: Float[np.ndarray, "corners 3"],
 ) -> Float[np.ndarray, "samples 3"]:
     """Unit normals; where one is zero, that of one of the triangles."""
@@ -85,7 +128,7 @@ def _mended(
 
 def _dips(
     normals: Float[np.ndarray, "samples 3"],
-    corner: Int32[np.ndarray, "corners"],
+    corner: Int[np.ndarray, "corners"],
     plane: Float[np.ndarray, "corners 3"],
     largest: float,
 ) -> Float32[np.ndarray, "samples"]:
@@ -101,7 +144,7 @@ def _dips(
 
 def _offsets(
     normals: Float[np.ndarray, "samples 3"],
-    corner: Int32[np.ndarray, "corners"],
+    corner: Int[np.ndarray, "corners"],
     plane: Float[np.ndarray, "corners 3"],
     towards: Float[np.ndarray, "corners 3"],
 ) -> Float[np.ndarray, "samples 3"]:

@@ -53,7 +53,7 @@ def random_sites(visibility, count=70, seed=1, spread=0.2):
     position, normal, plane, weight = (
         field.astype(np.float32) for field in (position, normal, plane, weight)
     )
-    return Sites(position, normal, plane, polygon, weight)
+    return Sites(position, normal, plane, polygon, weight, np.full(count, -1, np.int32))
 
 
 def oracle(visibility, sites, integral):
@@ -199,7 +199,7 @@ def test_a_plane_and_a_normal_cut_the_sky():
     visibility = polygons([ring], [[0.0, 0.0, 0.0]], [UP], np.zeros((0, 3)))
     polygon = np.array([[0, -1, -1]] * 3, np.int32)
     plane = np.tile(UP, (3, 1)).astype(np.float32)
-    sites = Sites(0.0 * plane, normal, plane, polygon, np.ones((3, 3), np.float32))
+    sites = Sites(0.0 * plane, normal, plane, polygon, np.ones((3, 3), np.float32), polygon[:, 1])
     light = table_light(uniform(1.0, 64))
     quadrature = Quadrature("split", 4, "bilinear")
     found = irradiance(visibility, light, sites, quadrature, light.vector)[:, 0]
@@ -219,7 +219,7 @@ def test_finite_vectors_are_seen_from_the_site():
     position = np.stack([0.0 * height, height, 0.0 * height], axis=-1).astype(np.float32)
     up = np.tile(UP, (3, 1)).astype(np.float32)
     polygon = np.array([[0, -1, -1]] * 3, np.int32)
-    sites = Sites(position, up, up, polygon, np.ones((3, 3), np.float32))
+    sites = Sites(position, up, up, polygon, np.ones((3, 3), np.float32), polygon[:, 1])
     light = table_light(uniform(1.0, 64))
     found = irradiance(visibility, light, sites, Quadrature("split", 4, "bilinear"), light.vector)[
         :, 0

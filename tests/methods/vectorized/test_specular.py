@@ -14,13 +14,13 @@ from jaxvis.methods.vectorized.lobes import PhongLobes
 from jaxvis.methods.vectorized.specular import (
     Cap,
     cap_integral,
-    cap_lookups,
     circle_lookups,
+    parts_in_cap,
     phong_cap,
     visible_ratio,
 )
 from jaxvis.sphere import latlong
-from jaxvis.sphere.contours import integrate
+from jaxvis.sphere.contours import integrate, trapezoid
 from jaxvis.sphere.polygons import Directions, clamp_to_hemisphere, normalized
 from tests.sphere.contour_oracle import circle, directions_of, star, unit, winding
 
@@ -45,7 +45,7 @@ def church():
 
 @partial(jax.jit, static_argnames="pieces")
 def ratio_of(light, polygons, mirror, cap, pieces=2):
-    part = cap_lookups(HEIGHT, polygons, mirror, cap.rim, pieces, "bilinear")
+    part = trapezoid(HEIGHT, parts_in_cap(polygons, mirror, cap.rim, pieces), "bilinear")
     circles = circle_lookups(HEIGHT, mirror, cap.rim, "bilinear")
     visible, whole = (
         cap_integral(

@@ -1,0 +1,1 @@
+"""Samples between the vertices where polygons at the vertices alone interpolate badly."""
