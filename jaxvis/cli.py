@@ -51,10 +51,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _compare(options: argparse.Namespace) -> int:
     from jaxvis.compare import choose_methods, compare, output_folder
-    from jaxvis.report import plain, write_report
+    from jaxvis.report import correspondence_sections, has_correspondence, plain, write_report
 
     with output_folder(options.out) as folder:
-        choose_methods(options.methods, options.spp)  # a wrong name shows before a scene is loaded
+        # A wrong name shows before a scene is loaded.
+        chosen = choose_methods(options.methods, options.spp)
+        if options.triangle is not None and not any(map(has_correspondence, chosen.values())):
+            raise ValueError("--triangle draws `correspondence`: name it in --methods")
         scene, camera = _scene_and_camera(options)
         comparison = compare(
             scene,
@@ -72,7 +75,12 @@ def _compare(options: argparse.Namespace) -> int:
             stop_on_error=options.debug,
         )
         comparison.save(folder)
-        page = write_report(comparison, folder)
+        failed = {row["label"] for row in comparison.failed}
+        shown = {label: method for label, method in chosen.items() if label not in failed}
+        sections = correspondence_sections(
+            shown, lambda: _setting(options, scene, camera), options.triangle
+        )
+        page = write_report(comparison, folder, sections)
     print(f"{plain(comparison)}\n\n{Path(options.out) / page.name}")
     return 1 if comparison.failed else 0
 
@@ -84,7 +92,8 @@ def _render(options: argparse.Namespace) -> int:
 
     with output_folder(options.out) as folder:
         method = create(options.method, spp=options.spp)
-        picture = render(method, _setting(options), seed=options.seed, exposure=options.exposure)
+        setting = _setting(options, *_scene_and_camera(options))
+        picture = render(method, setting, seed=options.seed, exposure=options.exposure)
         names = [f"{file_stem(options.method)}{suffix}" for suffix in (".exr", ".png")]
         for name, pixels in zip(names, (picture.radiance, picture.shown), strict=True):
             write_image(folder / name, pixels)
@@ -178,10 +187,9 @@ def _scene_and_camera(options: argparse.Namespace) -> tuple["Scene", "Camera | N
     return scene, camera
 
 
-def _setting(options: argparse.Namespace) -> "Setting":
+def _setting(options: argparse.Namespace, scene: "Scene", camera: "Camera | None") -> "Setting":
     from jaxvis.compare import prepare
 
-    scene, camera = _scene_and_camera(options)
     return prepare(
         scene,
         options.environment,
@@ -222,6 +230,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="METHOD",
         default=REFERENCE,
         help=f"what the others are measured against (default {REFERENCE})",
+    )
+    compare.add_argument(
+        "--triangle",
+        type=int,
+        metavar="N",
+        help="draw the entity layout and Voronoi diagram of this triangle for `correspondence`",
     )
     _common_options(compare)
     render = _command(commands, "render", _render, "one method: DIR/METHOD.exr and .png")

@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import resources
 from typing import Any
@@ -16,13 +16,19 @@ from PIL import Image
 from jaxvis.compare import Comparison
 from jaxvis.compare.result import REFERENCE
 from jaxvis.report import figures, numbers
+from jaxvis.report.sections import Section
 from jaxvis.report.tables import COLUMNS, best_rows, summary
 
 THEME_BUTTON = '<button id="theme" aria-label="switch between light and dark">◐</button>'
 
 
-def html(comparison: Comparison) -> str:
-    """The page. Works in light and dark; without JavaScript all but wiping and sorting remains."""
+def html(comparison: Comparison, sections: Sequence[Section] = ()) -> str:
+    """The page. Works in light and dark; without JavaScript all but wiping and sorting remains.
+
+    Args:
+        comparison: what it is about.
+        sections: that follow the plot.
+    """
     title = f"{escape(comparison['scene'])} under {escape(comparison['environment'])}"
     parts = [
         "<!doctype html>",
@@ -36,6 +42,7 @@ def html(comparison: Comparison) -> str:
         _numbers(comparison),
         _grid(comparison),
         _plot(comparison),
+        *map(_section, sections),
         _details(comparison),
         f"<footer>jaxvis {escape(str(comparison['versions']['jaxvis']))}, "
         f"{escape(comparison['created'])}</footer>",
@@ -191,6 +198,14 @@ def _plot(comparison: Comparison) -> str:
         "<p>Up and to the left is better. Methods that sample are a curve over samples per pixel: "
         f'1, 4, 16 and so on.</p><div class="plot">{drawing}</div></section>'
     )
+
+
+def _section(section: Section) -> str:
+    drawings = "".join(
+        f'<div class="plot">{figures.svg(figure)}</div>' for figure in section.figures
+    )
+    words = f"<h2>{escape(section.title)}</h2><p>{escape(section.text)}</p>"
+    return f"<section>{words}{drawings}</section>"
 
 
 def _details(comparison: Comparison) -> str:

@@ -3,7 +3,7 @@
 import io
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -15,18 +15,23 @@ from jaxvis.compare import Comparison, file_stem
 from jaxvis.image import write_image
 from jaxvis.report import figures
 from jaxvis.report.page import html
+from jaxvis.report.sections import Section
 from jaxvis.report.tables import csv, markdown
 
 
 def write_report(
-    comparison: Comparison, folder: str | os.PathLike, *, progress: bool = True
+    comparison: Comparison,
+    folder: str | os.PathLike,
+    sections: Sequence[Section] = (),
+    *,
+    progress: bool = True,
 ) -> Path:
     """Writes tables, figures and the page; each file whole or not at all.
 
     The files: ``index.html`` (self-contained), ``results.md`` and ``results.csv`` (the table),
     ``psnr_over_time.png``, ``comparison.png`` (all images and error maps), and ``NAME.error.png``
-    for each method. ``results.json`` and the images are :meth:`Comparison.save`'s. ``progress``
-    shows a bar if standard error is a terminal.
+    for each method. ``results.json`` and the images are :meth:`Comparison.save`'s. ``sections`` are
+    added to the page. ``progress`` shows a bar if standard error is a terminal.
 
     Returns:
         The path of the page.
@@ -46,7 +51,7 @@ def write_report(
         lambda: _write(folder / "psnr_over_time.png", _plot(comparison)),
         lambda: _write(folder / "results.md", markdown(comparison).encode()),
         lambda: _write(folder / "results.csv", csv(comparison).encode()),
-        lambda: _write(page, html(comparison).encode()),
+        lambda: _write(page, html(comparison, sections).encode()),
     ]
     quiet = not (progress and sys.stderr.isatty())
     for write in tqdm(writers, desc="report", unit="file", leave=False, disable=quiet):
