@@ -55,7 +55,7 @@ class Settings(NamedTuple):
     tangent: float = 0.3
     slack: int = 1
     step: float = 1.0
-    most: int = 128
+    most: int = 112
     interpolation: Interpolation = "position"
     guard: float = 0.02
     share: float = 0.02
