@@ -118,6 +118,15 @@ def subdivide(directions: Directions, pieces: int) -> list[Directions]:
     ]
 
 
+def vector_irradiance(directions: Directions) -> Float[Array, "*points 3"]:
+    """The integral of the direction over each polygon: its product with a normal is the irradiance
+    from radiance 1, for polygons above that normal's horizon. Directions are unit.
+    """
+    shape = (*directions.x.shape[:-1], 3)
+    axes = (jnp.broadcast_to(axis, shape) for axis in jnp.eye(3))
+    return jnp.stack([uniform_irradiance(directions, axis) for axis in axes], axis=-1)
+
+
 def uniform_irradiance(
     directions: Directions, normal: Float[Array, "*points 3"]
 ) -> Float[Array, "*points"]:

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxvis.methods.vectorized import VisibilityPolygons
-from jaxvis.methods.vectorized.correspondence import CorrespondingPolygons
+from tests.methods.vectorized.correspondence.staircases import joined
 
 SIDES = 8
 ANGLE = np.radians(60.0)
@@ -34,13 +34,5 @@ def two_triangles(*, shift: int = 0, fold: float = 0.0, separate: bool = False):
     )
     own = np.repeat(np.arange(SIDES)[:, None], 3, axis=1)
     other = (own + [shift, 0, 0]) % SIDES
-    lists = [own] if separate else [own, other]
-    triples = np.concatenate(lists)
-    return CorrespondingPolygons(
-        polygons,
-        triples=jnp.asarray(triples, jnp.int16),
-        evaluated=jnp.ones(len(triples), bool),
-        starts=jnp.asarray([0, SIDES, len(triples)], jnp.int32),
-        distances=jnp.ones(2),
-        separate=jnp.asarray([False, separate]),
-    )
+    lists = [own, own[:0] if separate else other]
+    return joined(polygons, lists, separate=np.array([False, separate]))

@@ -4,12 +4,13 @@ The chart is Lambert's equal-area disc (``jaxvis.sphere.hemisphere``), scaled so
 circle is the rim of the sample's domain: its tangent plane, or a cone below it (:class:`Samples`).
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from jaxvis.scene import RayTracer
+from jaxvis.scene import Hits, RayTracer
 
 
 class Samples(NamedTuple):
@@ -89,6 +90,31 @@ def grid(resolution: int) -> Float32[np.ndarray, "nodes 2"]:
     axis = (1.0 + 2.0 / resolution) * np.linspace(-1.0, 1.0, resolution + 1)
     y, x = np.meshgrid(axis, axis, indexing="ij")
     return np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32)
+
+
+COARSE_CELLS = 10
+"""Along each edge of the grid of :func:`look_around`: some 60 rays a sample."""
+
+SAMPLES_AT_ONCE = 4096
+"""Bounds the memory of these rays to some 20 MB."""
+
+
+def look_around(
+    tracer: RayTracer, samples: Samples
+) -> Iterator[tuple[Samples, Float32[np.ndarray, "samples rays 3"], Hits]]:
+    """What samples see in a few directions, a part of them at a time.
+
+    Yields:
+        (samples, directions of their rays, what the rays hit, one sample's after another's)
+    """
+    nodes = grid(COARSE_CELLS)
+    nodes = nodes[np.sum(nodes * nodes, axis=-1) < 1.0]
+    for start in range(0, len(samples.origins), SAMPLES_AT_ONCE):
+        part = samples.take(slice(start, start + SAMPLES_AT_ONCE))
+        owner = np.repeat(np.arange(len(part.origins)), len(nodes))
+        rays = part.directions(owner, np.tile(nodes, (len(part.origins), 1)))
+        hits = tracer.closest_hit(part.origins.take(owner, axis=0), rays)
+        yield part, rays.reshape(-1, len(nodes), 3), hits
 
 
 def cell_solid_angle(

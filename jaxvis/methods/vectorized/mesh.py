@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Int, Int32
 
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 from jaxvis.methods.vectorized.refine.locate import Forest, locate
@@ -65,6 +65,49 @@ def shaded_pixels(mesh: Mesh, surface: Surface) -> Pixels:
             "two-sided before precomputing"
         )
     return Pixels(index, face, barycentrics)
+
+
+def places_in_faces(
+    polygons: VisibilityPolygons,
+    face: Int[np.ndarray, "places"],
+    weight: Float32[np.ndarray, "places 3"],
+) -> tuple[
+    Float32[np.ndarray, "places 3"],
+    Float32[np.ndarray, "places 3"],
+    Float32[np.ndarray, "places 3"],
+]:
+    """(positions, unit normals, unit normals of the faces' planes) at barycentrics in faces.
+
+    Normals are interpolated; where they cancel, the plane's will do.
+    """
+    mesh = Mesh.of(polygons)
+    corners = mesh.faces.take(face, axis=0)
+    position, normal = (
+        np.einsum("pk,pkc->pc", weight, np.asarray(field).take(corners, axis=0))
+        for field in (polygons.positions, polygons.normals)
+    )
+    side = np.where(face < len(mesh.planes), np.float32(1.0), np.float32(-1.0))[:, None]
+    plane = mesh.planes.take(face % len(mesh.planes), axis=0) * side
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), plane)
+    return position, normal, plane
+
+
+def inner_edges(
+    polygons: Int[np.ndarray, "faces 3"], edges: Int[np.ndarray, "faces 3"]
+) -> Int[np.ndarray, "inner 2"]:
+    """Edges at which just two faces meet: twice 3 x face + the corner that lies opposite.
+
+    Args:
+        polygons: of the faces' corners; -1 at faces without polygons.
+        edges: the number of the edge opposite each corner.
+    """
+    slots = np.flatnonzero((polygons >= 0).all(axis=1).repeat(3))
+    slots = slots[np.argsort(edges.reshape(-1)[slots], kind="stable")]
+    edge = edges.reshape(-1)[slots]
+    first = np.flatnonzero(np.diff(edge, prepend=-1) != 0)
+    two = first[np.diff(first, append=len(edge)) == 2]
+    return np.stack([slots[two], slots[two + 1]], axis=-1)
 
 
 def faces_in_view(mesh: Mesh, pixels: Pixels) -> Int32[np.ndarray, "visible"]:

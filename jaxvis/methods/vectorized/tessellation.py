@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float32, Int, Int32
 from jaxvis.methods.vectorized.correspondence.interpolated import polygons_of
 from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
 from jaxvis.methods.vectorized.evaluation import Sites
-from jaxvis.methods.vectorized.mesh import Mesh, Pixels
+from jaxvis.methods.vectorized.mesh import Mesh, Pixels, places_in_faces
 from jaxvis.methods.vectorized.plan import (
     Plan,
     Stencil,
@@ -315,24 +315,9 @@ def _grid_sites(
     Points on edges are found in whichever of the edge's faces pixels see; where polygons
     correspond, their outline is nevertheless one: see :func:`joined_outlines`.
     """
-    polygons = polygons_of(visibility)
     n = _parts(levels.face).take(points.row)
     weight = np.stack([n - points.i - points.j, points.i, points.j], axis=-1) / n[:, None]
     weight = weight.astype(np.float32)
     face = levels.faces.take(points.row)
-    polygon = mesh.faces.take(face, axis=0)
-    normals, positions = np.asarray(polygons.normals), np.asarray(polygons.positions)
-    normal = _weighted(weight, normals.take(polygon, axis=0))
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    # Normals that cancel: those of the fronts will do.
-    side = np.where(face < len(mesh.planes), np.float32(1.0), np.float32(-1.0))
-    plane = mesh.planes.take(face % len(mesh.planes), axis=0) * side[:, None]
-    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), plane)
-    position = _weighted(weight, positions.take(polygon, axis=0))
+    position, normal, _ = places_in_faces(polygons_of(visibility), face, weight)
     return sites_in_faces(visibility, mesh, face, weight, position, normal, normal)
-
-
-def _weighted(
-    weight: Float32[np.ndarray, "sites 3"], corners: Float32[np.ndarray, "sites 3 3"]
-) -> Float32[np.ndarray, "sites 3"]:
-    return np.einsum("pk,pkc->pc", weight, corners)

@@ -3,11 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from jaxvis.methods.vectorized.hemisphere_map import Samples, grid
+from jaxvis.methods.vectorized.hemisphere_map import Samples, look_around
 from jaxvis.scene import RayTracer
-
-CELLS = 10
-"""Along each edge of the grid of directions: some 60 rays a sample."""
 
 REACH = 4.0
 """How far away a surface is looked for, in units of the distance by which the rays' origin
@@ -18,9 +15,6 @@ ON = 0.05
 
 CLEAR = 0.5
 """Height to which the origin is moved."""
-
-SAMPLES_AT_ONCE = 4096
-"""Bounds the rays' memory to some 20 MB."""
 
 
 def clear_of_surfaces(
@@ -40,43 +34,27 @@ def clear_of_surfaces(
         normals: of the tracer's triangles, on their front.
         one_sided: which triangles have a back that is never shown.
     """
-    nodes = grid(CELLS)
-    nodes = nodes[np.sum(nodes * nodes, axis=-1) < 1.0]
-    parts = range(0, len(samples.origins), SAMPLES_AT_ONCE)
-    found = [
-        _cleared(tracer, samples.take(slice(i, i + SAMPLES_AT_ONCE)), normals, one_sided, nodes)
-        for i in parts
-    ]
-    return np.concatenate([np.zeros((0, 3), np.float32), *found])
-
-
-def _cleared(
-    tracer: RayTracer,
-    samples: Samples,
-    normals: Float[np.ndarray, "triangles 3"],
-    one_sided: Bool[np.ndarray, "triangles"],
-    nodes: Float[np.ndarray, "nodes 2"],
-) -> Float32[np.ndarray, "samples 3"]:
-    count = len(samples.origins)
-    owner = np.repeat(np.arange(count), len(nodes))
-    rays = samples.directions(owner, np.tile(nodes, (count, 1)))
-    step = np.linalg.norm(samples.origins.astype(np.float64) - samples.positions, axis=-1)
-    triangle, _, distance = tracer.closest_hit(samples.origins.take(owner, axis=0), rays)
-    plane = normals.take(triangle, axis=0).astype(np.float64)
-    near = (triangle >= 0) & one_sided.take(triangle) & (distance < REACH * step[owner])
-    height = -np.where(near, distance, 0.0) * np.sum(plane * rays, axis=-1)
-    near &= height < ON * step[owner]
-    height = np.where(near, height, np.inf).reshape(count, -1)
-    touching = np.flatnonzero(np.isfinite(height).any(axis=1))
-    shift = _shift(
-        height[touching],
-        plane.reshape(count, -1, 3)[touching],
-        CLEAR * step[touching],
-        samples.frames[touching, 2],
-    )
-    origins = samples.origins.copy()
-    origins[touching] += shift.astype(np.float32)
-    return origins
+    found = [np.zeros((0, 3), np.float32)]
+    for part, rays, hits in look_around(tracer, samples):
+        shape = rays.shape[:2]
+        step = np.linalg.norm(part.origins.astype(np.float64) - part.positions, axis=-1)
+        plane = normals.take(hits.triangle, axis=0).astype(np.float64).reshape(rays.shape)
+        distance = hits.distance.reshape(shape)
+        near = ((hits.triangle >= 0) & one_sided.take(hits.triangle)).reshape(shape)
+        near &= distance < REACH * step[:, None]
+        height = -np.where(near, distance, 0.0) * np.sum(plane * rays, axis=-1)
+        near &= height < ON * step[:, None]
+        touching = np.flatnonzero(near.any(axis=1))
+        shift = _shift(
+            np.where(near, height, np.inf)[touching],
+            plane[touching],
+            CLEAR * step[touching],
+            part.frames[touching, 2],
+        )
+        origins = part.origins.copy()
+        origins[touching] += shift.astype(np.float32)
+        found.append(origins)
+    return np.concatenate(found)
 
 
 def _shift(

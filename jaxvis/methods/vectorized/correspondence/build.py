@@ -46,8 +46,7 @@ class Settings(NamedTuple):
     triple beside its distance, in radians: it makes lists shorter. Of each list at most ``most``
     triples are evaluated. Faces in which a polygon interpolated by ``interpolation`` gives an
     irradiance that is further from the truth than the mean of three, by more than ``guard`` of pi,
-    keep three evaluations: the worst of them, up to a ``share`` of all faces. The paper's lists are
-    evaluated wholly, and in all faces.
+    keep three evaluations. The paper's lists are evaluated wholly, and in all faces.
     """
 
     construction: Construction = "relaxed"
@@ -58,7 +57,6 @@ class Settings(NamedTuple):
     most: int = 112
     interpolation: Interpolation = "position"
     guard: float = 0.02
-    share: float = 0.02
 
 
 def build_correspondence(
@@ -111,21 +109,18 @@ def build_correspondence(
     check_lists(triples, sizes, seen.counts)
     found = pack(triples, sizes, most=settings.most)
     excess = excess_error(found, tracer, settings.interpolation, faces[wrong])
-    most = int(settings.share * len(faces))
-    worst = np.argsort(-excess, kind="stable")[:most]
-    separate = np.zeros(len(excess), bool)
-    separate[worst] = excess[worst] > settings.guard
-    return _without(found, separate)
+    return _without(found, excess > settings.guard)
 
 
 def _in_threads(
-    function: Callable[[Int[np.ndarray, "faces"]], None], count: int, bar: tqdm
+    function: Callable[[Int[np.ndarray, "faces"]], None], count: int, bar: tqdm | None = None
 ) -> None:
     """Calls a function for batches of faces; what it compiles and Qhull leave the interpreter."""
     batches = [np.arange(start, min(start + BATCH, count)) for start in range(0, count, BATCH)]
     with ThreadPoolExecutor(THREADS, thread_name_prefix="jaxvis-correspondence") as pool:
         for batch, _ in zip(batches, pool.map(function, batches), strict=True):
-            bar.update(len(batch))
+            if bar is not None:
+                bar.update(len(batch))
 
 
 def _candidates(
@@ -197,10 +192,7 @@ def _packed(
 ) -> CorrespondingPolygons:
     """Lists without their padding, of all faces, with at most so many triples evaluated."""
     kept = np.zeros(triples.shape[:2], bool)
-    with tqdm(disable=True) as bar:
-        _in_threads(
-            lambda batch: thin_faces(batch, seen, triples, sizes, most, kept), len(sizes), bar
-        )
+    _in_threads(lambda batch: thin_faces(batch, seen, triples, sizes, most, kept), len(sizes))
     some = np.arange(triples.shape[1]) < sizes[:, None]
     lengths, far = np.zeros(stored, np.int32), np.ones(stored, np.float32)
     lengths[faces], far[faces] = sizes, seen.distances

@@ -1,7 +1,7 @@
-"""Where interpolated polygons would be wrong: a comparison with rays at the faces' centres.
+"""Where interpolated polygons would be wrong: a comparison with rays at places in the faces.
 
 Between corners that see different bodies, one polygon between theirs may be worse than the mean of
-three integrals. Rays at the centre tell which is nearer.
+three integrals. Rays tell which is nearer to the truth.
 """
 
 from functools import partial
@@ -15,22 +15,16 @@ from jaxvis.methods.vectorized.correspondence.interpolated import (
     Interpolation,
     Outlines,
     TripleLists,
-    interpolated,
 )
 from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
 from jaxvis.methods.vectorized.evaluation import References
 from jaxvis.methods.vectorized.hemisphere_map import Samples
-from jaxvis.methods.vectorized.mesh import Mesh
+from jaxvis.methods.vectorized.irradiance import outlines
+from jaxvis.methods.vectorized.mesh import Mesh, places_in_faces
 from jaxvis.methods.vectorized.plan import without_buried
 from jaxvis.scene import RayTracer
 from jaxvis.scene.rays import offset_origins
-from jaxvis.sphere.polygons import (
-    Directions,
-    clamp_to_hemisphere,
-    normalized,
-    seen_from,
-    uniform_irradiance,
-)
+from jaxvis.sphere.polygons import Directions, normalized, vector_irradiance
 
 RAYS = 32
 """Along each edge of the grid of directions: 1024 rays know an irradiance to about 1 %."""
@@ -72,26 +66,19 @@ def _excess(
     barycentrics: Float32[np.ndarray, "3"],
 ) -> Float32[np.ndarray, "faces"]:
     """The same at one place of some faces."""
-    polygons, mesh = corresponding.polygons, Mesh.of(corresponding.polygons)
-    outlines = Outlines.of(corresponding)
-    corners = mesh.faces[faces]
-    side = np.where(faces < len(mesh.planes), np.float32(1.0), np.float32(-1.0))[:, None]
-    plane = mesh.planes[faces % len(mesh.planes)] * side
-    place, normal = (
-        np.einsum("k,fkc->fc", barycentrics, np.asarray(field)[corners])
-        for field in (polygons.positions, polygons.normals)
-    )
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), plane)
-    _, weight = without_buried(polygons, corners, np.tile(barycentrics, (len(faces), 1)))
+    polygons, lists = corresponding.polygons, Outlines.of(corresponding)
+    corners = Mesh.of(polygons).faces[faces]
+    weight = np.tile(barycentrics, (len(faces), 1))
+    place, normal, plane = places_in_faces(polygons, faces, weight)
+    _, weight = without_buried(polygons, corners, weight)
     true = traced_irradiance(tracer, place, normal, plane)
     separately = np.zeros_like(true)
     for k in range(3):
         own = References(corners[:, k], place, normal, plane, (), weight)
         separately += weight[:, k, None] * np.asarray(_of_polygons(polygons.vectors, own))
-    joint = References(outlines.of_face[faces], place, normal, plane, (), weight)
-    size = int(outlines.sizes[-1])
-    together = _of_lists(outlines.lists, joint, size=size, interpolation=interpolation)
+    joint = References(lists.of_face[faces], place, normal, plane, (), weight)
+    size = int(lists.sizes[-1])
+    together = _of_lists(lists.lists, joint, size=size, interpolation=interpolation)
     errors = [np.linalg.norm(found - true, axis=-1) for found in (np.asarray(together), separately)]
     return errors[0] - errors[1]
 
@@ -125,20 +112,16 @@ def traced_irradiance(
 def _of_polygons(
     vectors: Float[Array, "polygons 4 capacity"], references: References
 ) -> Float[Array, "faces 3"]:
-    own = vectors.take(jnp.asarray(references.polygon), axis=0)
-    return _vector_irradiance(seen_from(own, jnp.asarray(references.position)), references)
+    return _sky(outlines(vectors, references, vectors.shape[-1]))
 
 
 @partial(jax.jit, static_argnames=("size", "interpolation"))
 def _of_lists(
     lists: TripleLists, references: References, *, size: int, interpolation: Interpolation
 ) -> Float[Array, "faces 3"]:
-    return _vector_irradiance(interpolated(lists, references, size, interpolation), references)
+    return _sky(outlines(lists, references, size, interpolation))
 
 
-def _vector_irradiance(directions: Directions, references: References) -> Float[Array, "faces 3"]:
-    """Of a uniform sky over pi: what planes across the three axes receive."""
-    above = clamp_to_hemisphere(directions, jnp.asarray(references.plane))
-    above = normalized(clamp_to_hemisphere(above, jnp.asarray(references.normal)))
-    axes = [jnp.broadcast_to(axis, references.normal.shape) for axis in jnp.eye(3)]
-    return jnp.stack([uniform_irradiance(above, axis) for axis in axes], axis=-1) / jnp.pi
+def _sky(directions: Directions) -> Float[Array, "faces 3"]:
+    """Vector irradiance of a uniform sky over pi."""
+    return vector_irradiance(normalized(directions)) / jnp.pi

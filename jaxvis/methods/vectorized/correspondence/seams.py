@@ -7,27 +7,17 @@ differs there would show in pixels, which use the lists of the faces that they s
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Float32, Float64
 
 from jaxvis.methods.vectorized.correspondence.interpolated import Outlines, polygons_of
 from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
 from jaxvis.methods.vectorized.evaluation import Sites
 from jaxvis.methods.vectorized.irradiance import Quadrature, irradiance
 from jaxvis.methods.vectorized.light import PolygonLight
-from jaxvis.methods.vectorized.mesh import Mesh
+from jaxvis.methods.vectorized.mesh import Mesh, inner_edges, places_in_faces
 from jaxvis.methods.vectorized.method import VectorizedVisibility, Visibility
 from jaxvis.methods.vectorized.plan import without_buried
 from jaxvis.scene import Surface
-
-
-def inner_edges(mesh: Mesh) -> Int[np.ndarray, "edges 2"]:
-    """Edges between two faces: twice 3 x face + the corner that lies opposite the edge."""
-    slots = np.flatnonzero((mesh.faces >= 0).all(axis=1).repeat(3))
-    slots = slots[np.argsort(mesh.edges.reshape(-1)[slots], kind="stable")]
-    edge = mesh.edges.reshape(-1)[slots]
-    first = np.flatnonzero(np.diff(edge, prepend=-1) != 0)
-    two = first[np.diff(first, append=len(edge)) == 2]
-    return np.stack([slots[two], slots[two + 1]], axis=-1)
 
 
 def sides_of_edges(
@@ -48,22 +38,16 @@ def sides_of_edges(
     """
     polygons = polygons_of(visibility)
     mesh = Mesh.of(polygons)
-    face, corner = np.divmod(inner_edges(mesh).reshape(-1), 3)
+    face, corner = np.divmod(inner_edges(mesh.faces, mesh.edges).reshape(-1), 3)
     weight = np.full((len(face), 3), 0.5, np.float32)
     weight[np.arange(len(face)), corner] = 0.0
+    position, normal, plane = places_in_faces(polygons, face, weight)
     corners = mesh.faces.take(face, axis=0)
-    ends = np.where((weight > 0.0)[..., None], np.asarray(polygons.positions)[corners], 0.0)
-    normal = (weight[..., None] * np.asarray(polygons.normals)[corners]).sum(axis=1)
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    side = np.where(face < len(mesh.planes), np.float32(1.0), np.float32(-1.0))[:, None]
-    plane = side * mesh.planes[face % len(mesh.planes)]
-    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), plane)
     polygon, weight = without_buried(polygons, corners, weight)
     if isinstance(visibility, CorrespondingPolygons):
         outline = Outlines.of(visibility).of_face.take(face)
     else:
         outline = np.full(len(face), -1, np.int32)
-    position = 0.5 * ends.sum(axis=1)
     plane = plane if clipped else normal
     sites = Sites(position, normal, plane, polygon, weight, outline)
     found = irradiance(visibility, light, sites, quadrature, light.vector)

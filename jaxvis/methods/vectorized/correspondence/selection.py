@@ -24,6 +24,7 @@ from jaxvis.methods.vectorized.correspondence.links import (
     slot_in_cyclic_order,
     unknown,
 )
+from jaxvis.methods.vectorized.mesh import inner_edges
 
 MOST_TRIES = 8
 """Entities tried to complete a partial triple."""
@@ -51,13 +52,9 @@ def neighbours(
         edges: the number of the edge opposite each corner.
     """
     count = len(polygons)
-    flat = np.flatnonzero((polygons >= 0).all(axis=1).repeat(3))
-    order = flat[np.argsort(edges.reshape(-1)[flat], kind="stable")]
-    edge = edges.reshape(-1)[order]
-    first = np.flatnonzero(np.diff(edge, prepend=-1) != 0)
-    two = first[np.diff(first, append=len(edge)) == 2]
+    one, other = inner_edges(polygons, edges).T
     face = np.full(3 * count, -1, np.int32)
-    face[order[two]], face[order[two + 1]] = order[two + 1] // 3, order[two] // 3
+    face[one], face[other] = other // 3, one // 3
     face = face.reshape(count, 3)
     # Faces that share two edges would get two partial triples of one triple.
     for k in range(1, 3):

@@ -1,7 +1,6 @@
 """How badly polygons at samples interpolate what places between them see (host)."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float32, Int
 
@@ -11,7 +10,7 @@ from jaxvis.sphere.polygons import (
     clamp_to_hemisphere,
     normalized,
     seen_from,
-    uniform_irradiance,
+    vector_irradiance,
 )
 
 VECTORS_PER_CHUNK = 1 << 17
@@ -66,8 +65,7 @@ def sky_vectors(
             normals[rows].astype(np.float32),
             planes[rows].astype(np.float32),
         )
-        for axis, part in enumerate(parts):
-            found[start : start + chunk, axis] = np.asarray(part)[: len(polygon) - start]
+        found[start : start + chunk] = np.asarray(parts)[: len(polygon) - start]
     return found
 
 
@@ -77,8 +75,6 @@ def _sky_vectors(
     position: Float[Array, "chunk 3"],
     normal: Float[Array, "chunk 3"],
     plane: Float[Array, "chunk 3"],
-) -> tuple[Float[Array, "chunk"], ...]:
+) -> Float[Array, "chunk 3"]:
     above = clamp_to_hemisphere(seen_from(vectors, position), plane)
-    directions = normalized(clamp_to_hemisphere(above, normal))
-    axes = jnp.broadcast_to(jnp.eye(3)[:, None], (3, *normal.shape))
-    return tuple(uniform_irradiance(directions, axis) for axis in axes)
+    return vector_irradiance(normalized(clamp_to_hemisphere(above, normal)))

@@ -11,13 +11,12 @@ from jaxvis.lighting import Environment
 from jaxvis.methods.vectorized import VectorizedVisibility
 from jaxvis.methods.vectorized.correspondence.seams import (
     differences,
-    inner_edges,
     mean_irradiance,
     sides_of_edges,
 )
 from jaxvis.methods.vectorized.irradiance import Quadrature
 from jaxvis.methods.vectorized.light import polygon_light
-from jaxvis.methods.vectorized.mesh import Mesh
+from jaxvis.methods.vectorized.mesh import Mesh, inner_edges
 from jaxvis.sphere.polygons import Directions, uniform_irradiance
 from tests.methods.corresponding_polygons import ANGLE, SIDES, two_triangles
 
@@ -42,7 +41,7 @@ def ring_irradiance(angle: float) -> float:
 
 
 def test_the_shared_edge_is_the_only_inner_one():
-    edges = inner_edges(Mesh.of(two_triangles().polygons))
+    edges = inner_edges(*Mesh.of(two_triangles().polygons)[:2])
     assert edges.tolist() == [[2, 5]]  # opposite the third corners of both
 
 
@@ -50,7 +49,7 @@ def test_an_edge_of_three_faces_has_no_two_sides():
     polygons = two_triangles().polygons
     third = jnp.array([[1, 0, 2]], jnp.int32)
     three = replace(polygons, triangles=jnp.concatenate([polygons.triangles, third]))
-    edges = inner_edges(Mesh.of(three)).tolist()
+    edges = inner_edges(*Mesh.of(three)[:2]).tolist()
     assert edges == [[1, 6], [0, 7]]  # those that the first and the third share besides
 
 
