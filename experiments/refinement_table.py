@@ -2,8 +2,8 @@
 
 A row for the polygons at the vertices of each scene, and one for each target. Errors are of a
 uniform sky's irradiance, as parts of pi, at the places that refinement probes: its own prediction.
-PSNR is under a real light probe, tessellated and per fragment. With --out it also writes the
-pictures and how they differ from the reference, five times enlarged.
+PSNR is under a real light probe, tessellated and per fragment, and tessellated with correspondence.
+With --out it also writes the pictures and how they differ from the reference, five times enlarged.
 """
 
 import argparse
@@ -18,7 +18,12 @@ import jaxvis
 from experiments.zeta_sweep import Image, reference_image, white
 from jaxvis.image import display, psnr, write_image
 from jaxvis.image.tonemap import exposure_of
-from jaxvis.methods.vectorized import VectorizedVisibility, VisibilityPolygons
+from jaxvis.methods.vectorized import (
+    VectorizedVisibility,
+    VisibilityCorrespondence,
+    VisibilityPolygons,
+)
+from jaxvis.methods.vectorized.correspondence.build import build_correspondence
 from jaxvis.methods.vectorized.refine.refine import Goal, refine_polygons
 from jaxvis.scene import Scene
 
@@ -47,7 +52,9 @@ def rows_of(
         f"tessellated (zeta {options.zeta:g})": VectorizedVisibility(zeta=options.zeta),
         "fragment": VectorizedVisibility(shading="fragment"),
     }
+    joint = VisibilityCorrespondence(zeta=options.zeta)
     base = methods["fragment"].precompute(scene, progress=False)
+    both = build_correspondence(base, scene.tracer)
     light = methods["fragment"].light(environment)
 
     def row(refine: str, polygons: VisibilityPolygons) -> dict[str, object]:
@@ -58,6 +65,10 @@ def rows_of(
             "triangles": len(polygons.triangles),
             "bytes": polygons.nbytes / base.nbytes,
         }
+        corresponding = both if polygons is base else build_correspondence(polygons, scene.tracer)
+        columns["with triples"] = corresponding.nbytes / both.nbytes
+        image = np.asarray(joint.shade(corresponding, light, surface))
+        columns["PSNR correspondence"] = psnr(image, truth, covered)
         for name, method in methods.items():
             image = np.asarray(method.shade(polygons, light, surface))
             columns[f"PSNR {name}"] = psnr(image, truth, covered)

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
         Method,
         MonteCarlo,
         Reference,
+        Unculled,
         VectorizedVisibility,
         VisibilityCorrespondence,
+        VisibilityField,
     )
     from jaxvis.reflectance import Material
     from jaxvis.report import write_report
@@ -52,8 +54,10 @@ _HOMES = {
     "Method": "methods",
     "MonteCarlo": "methods",
     "Reference": "methods",
+    "Unculled": "methods",
     "VectorizedVisibility": "methods",
     "VisibilityCorrespondence": "methods",
+    "VisibilityField": "methods",
     "Material": "reflectance",
     "write_report": "report",
     "Camera": "scene",
@@ -77,8 +81,10 @@ __all__ = [
     "Reference",
     "Scene",
     "Surface",
+    "Unculled",
     "VectorizedVisibility",
     "VisibilityCorrespondence",
+    "VisibilityField",
     "build_scene",
     "compare",
     "datasets",

@@ -160,7 +160,8 @@ def _methods(options: argparse.Namespace) -> int:
 
     for entry in methods.table():
         mark = " *" if entry.representative else ""
-        print(f"{entry.name}{mark}\n    {entry.summary}")
+        settings = (entry.representative or entry.name).removeprefix(entry.name).lstrip(":")
+        print(f"{entry.name}{mark}{settings and f' with {settings}'}\n    {entry.summary}")
         if entry.defaults():
             print("    " + ", ".join(f"{k}={v}" for k, v in entry.defaults().items()))
     print("\n* run by `jaxvis compare` unless --methods names others")

@@ -90,8 +90,10 @@ def test_methods_lists_every_name_with_its_defaults(capsys):
     for name in methods.names():
         assert f"\n{name}" in f"\n{printed}"
     assert "spp=64" in printed
-    for name in methods.representatives():
+    for spec in methods.representatives():
+        name, _, settings = spec.partition(":")
         assert f"{name} *" in printed
+        assert settings in printed
 
 
 def test_info_of_a_light_and_a_scene(capsys):

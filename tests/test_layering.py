@@ -11,6 +11,7 @@ ROOT = Path(jaxvis.__file__).parent
 LAYERS = [
     "errors",
     "chunks",
+    "compiled",
     "cache",
     "specs",
     "pixels",

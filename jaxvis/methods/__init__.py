@@ -13,6 +13,7 @@ from jaxvis.methods.registry import (
     table,
 )
 from jaxvis.methods.vectorized import VectorizedVisibility, VisibilityCorrespondence
+from jaxvis.methods.visibility_field import Unculled, VisibilityField
 
 register(
     "reference",
@@ -47,14 +48,29 @@ register(
     family="vectorized",
     summary="vectorized visibility with spherical-Voronoi correspondence: one evaluation for three",
 )
+register(
+    "visibility-field",
+    VisibilityField,
+    family="visibility-field",
+    summary="discrete visibility field: masks in a grid tell most rays without tracing them",
+    representative="visibility-field:lighting=environment,samples=300000",
+)
+register(
+    "unculled",
+    Unculled,
+    family="visibility-field",
+    summary="the estimator of visibility-field without the field: traces every ray",
+)
 
 __all__ = [
     "Entry",
     "Method",
     "MonteCarlo",
     "Reference",
+    "Unculled",
     "VectorizedVisibility",
     "VisibilityCorrespondence",
+    "VisibilityField",
     "create",
     "names",
     "parse_list",

@@ -18,7 +18,7 @@ class Entry:
     family: str
     cls: type[Method]
     presets: dict[str, Any]
-    representative: bool
+    representative: str | None
     summary: str
 
     def defaults(self) -> dict[str, Any]:
@@ -39,13 +39,16 @@ def register(
     *,
     family: str,
     summary: str,
-    representative: bool = False,
+    representative: bool | str = False,
     **presets: Any,
 ) -> None:
-    """Makes a method known by name. One method of each family is its ``representative``."""
+    """Makes a method known by name. One method of each family is its ``representative``: as it is,
+    or with the parameters that the given text sets.
+    """
     if name in _ENTRIES:
         raise ValueError(f"method {name!r} is registered already")
-    _ENTRIES[name] = Entry(name, family, cls, presets, representative, summary)
+    spec = name if representative is True else representative or None
+    _ENTRIES[name] = Entry(name, family, cls, presets, spec, summary)
 
 
 def names() -> tuple[str, ...]:
@@ -54,8 +57,8 @@ def names() -> tuple[str, ...]:
 
 
 def representatives() -> tuple[str, ...]:
-    """One name of each family: what ``compare`` runs when not told otherwise."""
-    return tuple(entry.name for entry in _ENTRIES.values() if entry.representative)
+    """One method of each family: what ``compare`` runs when not told otherwise."""
+    return tuple(entry.representative for entry in _ENTRIES.values() if entry.representative)
 
 
 def table() -> tuple[Entry, ...]:

@@ -180,12 +180,12 @@ def trace_and_sum(
     count = len(points.pixel)
     radiance = np.zeros((count, 3), np.float32)
     block = block_points(count, samples)
-    padded = jax.tree.map(lambda leaf: _pad(leaf, -count % block), points)
+    padded = jax.tree.map(lambda leaf: pad_rows(leaf, -count % block), points)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
 
     def shade_chunk(first: int) -> int:
         starts = range(first, min(first + chunk, count), block)
-        blocks = [_slice(padded, start, block) for start in starts]
+        blocks = [slice_points(padded, start, block) for start in starts]
         for propose_rays in proposals:
             proposed = [propose_rays(part) for part in blocks]
             for start, part, rays in zip(starts, blocks, proposed, strict=True):
@@ -222,12 +222,14 @@ def _trace(
     return tracer.visible(np.asarray(points.origin), directions, active)
 
 
-def _pad(leaf: Array, missing: int) -> Array:
+def pad_rows(leaf: Array, missing: int) -> Array:
+    """The array with its last row ``missing`` times more."""
     return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)])
 
 
 @partial(jax.jit, static_argnames="count")
-def _slice(points: ShadingPoints, start: Int[Array, ""] | int, count: int) -> ShadingPoints:
+def slice_points(points: ShadingPoints, start: Int[Array, ""] | int, count: int) -> ShadingPoints:
+    """``count`` points from ``start`` on."""
     return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, count), points)
 
 

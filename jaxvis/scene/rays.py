@@ -17,6 +17,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float32, Int32, Integer
 
+from jaxvis.compiled import compiled
+
 BLOCK = 1 << 14
 """Rays per call of Embree: small enough to share evenly, large enough to hide the call."""
 
@@ -101,6 +103,17 @@ class RayTracer:
         self._in_threads(trace, len(origins))
         return result
 
+    def occluded_block(
+        self,
+        origins: Float32[np.ndarray, "rays 3"],
+        directions: Float32[np.ndarray, "rays 3"],
+    ) -> Bool[np.ndarray, "rays"]:
+        """Whether anything lies on each ray. Traces in the calling thread and in one call, for
+        callers that keep several threads busy; the arrays must be contiguous."""
+        answer, seconds = self._run(origins, directions, query="OCCLUDED")
+        self._count(len(origins), seconds)
+        return answer == 0
+
     def visible(
         self,
         origins: Float32[np.ndarray, "points 3"],
@@ -114,23 +127,24 @@ class RayTracer:
         block by block, while a block is in cache.
         """
         points, samples = active.shape
-        components, active = [axis.reshape(-1) for axis in directions], active.reshape(-1)
-        result = np.zeros(points * samples, bool)
+        result = np.zeros((points, samples), bool)
+        left = np.count_nonzero(active)
+        step = max(1, BLOCK * points // max(left, 1))
         traced, seconds = 0, 0.0
-        for start in range(0, points * samples, BLOCK):
-            chosen = np.flatnonzero(active[start : start + BLOCK])
-            if not len(chosen):
+        for first in range(0, points, step):
+            part = slice(first, first + step)
+            count = int(np.count_nonzero(active[part]))
+            if not count:
                 continue
-            chosen += start
-            compact = np.empty((len(chosen), 3), np.float32)
-            for axis, component in enumerate(components):
-                compact[:, axis] = component.take(chosen)
-            starts = origins.take(chosen // samples, axis=0)
-            answer, elapsed = self._run(starts, compact, query="OCCLUDED")
-            result[chosen] = answer != 0
-            traced, seconds = traced + len(chosen), seconds + elapsed
+            starts = np.empty((count, 3), np.float32)
+            along = np.empty((count, 3), np.float32)
+            x, y, z = (axis[part] for axis in directions)
+            _compact(origins[part], x, y, z, active[part], starts, along)
+            answer, elapsed = self._run(starts, along, query="OCCLUDED")
+            _spread(answer, active[part], result[part])
+            traced, seconds = traced + count, seconds + elapsed
         self._count(traced, seconds)
-        return result.reshape(points, samples)
+        return result
 
     def closest_hit(
         self,
@@ -178,6 +192,32 @@ class RayTracer:
         with self._lock:
             self.rays_traced += rays
             self.embree_seconds += seconds
+
+
+@compiled
+def _compact(origins, x, y, z, active, starts, along):
+    """Origins and directions of the active rays, in order."""
+    ray = 0
+    for point in range(active.shape[0]):
+        for sample in range(active.shape[1]):
+            if active[point, sample]:
+                for axis in range(3):
+                    starts[ray, axis] = origins[point, axis]
+                along[ray, 0] = x[point, sample]
+                along[ray, 1] = y[point, sample]
+                along[ray, 2] = z[point, sample]
+                ray += 1
+
+
+@compiled
+def _spread(answer, active, result):
+    """Embree's answers where rays were active: 0 is a hit."""
+    ray = 0
+    for point in range(active.shape[0]):
+        for sample in range(active.shape[1]):
+            if active[point, sample]:
+                result[point, sample] = answer[ray] != 0
+                ray += 1
 
 
 def _contiguous(array: Float[np.ndarray, "rays 3"]) -> Float32[np.ndarray, "rays 3"]:

@@ -82,6 +82,30 @@ def irradiance(
     return reconstruct(coefficients * weights[:, None], normals)
 
 
+def quadratic_form(
+    coefficients: Float[Array, "9 channels"],
+) -> Float[Array, "channels 4 4"]:
+    """Symmetric matrices M with d^T M d = :func:`reconstruct` for d = (x, y, z, 1), |x y z| = 1.
+
+    The form of Ramamoorthi and Hanrahan 2001, eq. 12, for radiance instead of irradiance. Sums of
+    the function over directions follow from sums of d d^T: for rays that are turned with a frame,
+    from those of their local directions.
+    """
+    c = [coefficients[k] for k in range(9)]
+    constant, linear = np.sqrt(1.0 / (4.0 * np.pi)), 0.5 * np.sqrt(3.0 / (4.0 * np.pi))
+    product = 0.5 * np.sqrt(15.0 / (4.0 * np.pi))
+    axis, across = np.sqrt(5.0 / (16.0 * np.pi)), np.sqrt(15.0 / (16.0 * np.pi))
+    xy, yz, xz = product * c[4], product * c[5], product * c[7]
+    x, y, z = linear * c[3], linear * c[1], linear * c[2]
+    rows = [
+        [across * c[8], xy, xz, x],
+        [xy, -across * c[8], yz, y],
+        [xz, yz, 3.0 * axis * c[6], z],
+        [x, y, z, constant * c[0] - axis * c[6]],
+    ]
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
 def project(
     radiance: Float[Array, "height width channels"], bands: int
 ) -> Float[Array, "basis channels"]:

@@ -24,12 +24,17 @@ def _fold(
 
 def encode(directions: Float[Array, "*points 3"]) -> Float[Array, "*points 2"]:
     """Map coordinates in [-1, 1]^2 of directions of any length but zero."""
-    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    return join(*_unfolded(directions[..., 0], directions[..., 1], directions[..., 2]))
+
+
+def _unfolded(
+    x: Float[Array, "*points"], y: Float[Array, "*points"], z: Float[Array, "*points"]
+) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
     scale = 1.0 / (jnp.abs(x) + jnp.abs(y) + jnp.abs(z))
     p, q = x * scale, y * scale
     folded_p, folded_q = _fold(p, q)
     below = z < 0.0
-    return join(jnp.where(below, folded_p, p), jnp.where(below, folded_q, q))
+    return jnp.where(below, folded_p, p), jnp.where(below, folded_q, q)
 
 
 def decode(coordinates: Float[Array, "*points 2"]) -> Float[Array, "*points 3"]:
@@ -64,9 +69,18 @@ def texel(
     directions: Float[Array, "*points 3"], size: int
 ) -> tuple[Int[Array, "*points"], Int[Array, "*points"]]:
     """(i, j) of the texel of a ``size`` x ``size`` map that holds each direction."""
-    cell = jnp.floor((encode(directions) + 1.0) * (0.5 * size)).astype(jnp.int32)
-    cell = jnp.clip(cell, 0, size - 1)
-    return cell[..., 0], cell[..., 1]
+    return texel_of_components(directions[..., 0], directions[..., 1], directions[..., 2], size)
+
+
+def texel_of_components(
+    x: Float[Array, "*points"], y: Float[Array, "*points"], z: Float[Array, "*points"], size: int
+) -> tuple[Int[Array, "*points"], Int[Array, "*points"]]:
+    """:func:`texel` of directions whose components are three arrays."""
+    cells = [
+        jnp.floor((side + 1.0) * (0.5 * size)).astype(jnp.int32) for side in _unfolded(x, y, z)
+    ]
+    i, j = (jnp.clip(cell, 0, size - 1) for cell in cells)
+    return i, j
 
 
 def texel_directions(size: int) -> Float[np.ndarray, "size size 3"]:

@@ -79,6 +79,44 @@ def test_they_are_orthonormal():
     np.testing.assert_allclose(y.T @ (measure[:, None] * y), np.eye(81), atol=1e-12)
 
 
+def quadratic(matrices, v):
+    """d^T M d of each channel with d = (x, y, z, 1), float64."""
+    d = np.concatenate([v, np.ones((len(v), 1))], axis=1)
+    return np.einsum("pa,cab,pb->pc", d, np.asarray(matrices, np.float64), d)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_quadratic_form_is_the_function(channels):
+    coefficients = np.random.default_rng(3).normal(size=(9, channels))
+    matrices = jax.jit(harmonics.quadratic_form)(as_jax(coefficients))
+    assert matrices.shape == (channels, 4, 4)
+    np.testing.assert_array_equal(matrices, np.swapaxes(matrices, 1, 2))
+    v = unit_vectors()
+    expected = oracle(v, 3) @ coefficients
+    np.testing.assert_allclose(quadratic(matrices, v), expected, atol=5e-6)
+    np.testing.assert_allclose(
+        reconstruct(as_jax(coefficients), as_jax(v)), quadratic(matrices, v), atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("which", range(9))
+def test_the_quadratic_form_of_each_function_alone(which):
+    coefficients = jnp.zeros((9, 1)).at[which].set(1.0)
+    v = unit_vectors()
+    found = quadratic(harmonics.quadratic_form(coefficients), v)[:, 0]
+    np.testing.assert_allclose(found, oracle(v, 3)[:, which], atol=1e-6)
+
+
+def test_sums_of_the_quadratic_form_follow_from_second_moments():
+    coefficients = as_jax(np.random.default_rng(4).normal(size=(9, 3)))
+    v = unit_vectors()
+    d = np.concatenate([v, np.ones((len(v), 1))], axis=1)
+    matrices = np.asarray(harmonics.quadratic_form(coefficients), np.float64)
+    found = np.einsum("cab,ab->c", matrices, d.T @ d)
+    expected = (oracle(v, 3) @ np.asarray(coefficients, np.float64)).sum(axis=0)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * len(v))
+
+
 def brute_projection(radiance, bands, fine=60):
     """Sum over many points of each texel, float64."""
     height, width = radiance.shape[:2]

@@ -54,6 +54,25 @@ def test_texel_centres_are_in_their_texels(size):
     np.testing.assert_array_equal(j, expected[1])
 
 
+@pytest.mark.parametrize("size", [1, 7, 18, 255])
+def test_texels_of_directions_given_by_component(size):
+    """The same as of vectors, whatever their length, and on the axes and the map's edges."""
+    rng = np.random.default_rng(size)
+    vectors = np.concatenate([rng.normal(size=(500, 3)), np.eye(3), -np.eye(3), [[1, -1, 0]]])
+    vectors = jnp.asarray(vectors * rng.uniform(0.1, 10.0, (len(vectors), 1)), jnp.float32)
+    x, y, z = vectors.reshape(-1, 3).T
+    found = octahedral.texel_of_components(x, y, z, size)
+    for one, other in zip(found, octahedral.texel(vectors, size), strict=True):
+        assert one.dtype == jnp.int32
+        assert one.min() >= 0
+        assert one.max() < size
+        np.testing.assert_array_equal(one, other)
+    blocks = [jnp.reshape(axis[:500], (20, 25)) for axis in (x, y, z)]
+    i, j = octahedral.texel_of_components(*blocks, size)
+    np.testing.assert_array_equal(i.reshape(-1), found[0][:500])
+    np.testing.assert_array_equal(j.reshape(-1), found[1][:500])
+
+
 def test_jacobian_is_the_area_that_decode_stretches_to():
     points = jnp.asarray(np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2)), jnp.float32)
     tangents = np.asarray(jax.jit(jax.vmap(jax.jacfwd(decode)))(points), np.float64)

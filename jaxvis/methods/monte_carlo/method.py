@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method, require_key
-from jaxvis.methods.monte_carlo.estimators import (
+from jaxvis.methods.estimators import (
     Counts,
     MonteCarloLight,
     proposals,

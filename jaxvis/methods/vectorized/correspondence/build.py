@@ -56,7 +56,7 @@ class Settings(NamedTuple):
     step: float = 1.0
     most: int = 112
     interpolation: Interpolation = "position"
-    guard: float = 0.02
+    guard: float = 0.028
 
 
 def build_correspondence(

@@ -7,7 +7,7 @@ three sequences is found by dynamic programming.
 
 import numpy as np
 
-from jaxvis.methods.vectorized.correspondence.compiled import compiled
+from jaxvis.compiled import compiled
 from jaxvis.methods.vectorized.correspondence.links import gap
 
 LARGEST_WHOLE = 1 << 16

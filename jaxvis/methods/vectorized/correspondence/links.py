@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int16, Int32
 
-from jaxvis.methods.vectorized.correspondence.compiled import compiled
+from jaxvis.compiled import compiled
 
 NO_SLOT, LINKED = -1, -2
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int, Int8, Int16, Int32
 
+from jaxvis.compiled import compiled
 from jaxvis.methods.vectorized.correspondence.candidates import Candidates, Layout
-from jaxvis.methods.vectorized.correspondence.compiled import compiled
 from jaxvis.methods.vectorized.correspondence.links import (
     LINKED,
     NO_SLOT,

@@ -6,7 +6,7 @@ of the surplus lies nearly on the great circles between its neighbours.
 
 import numpy as np
 
-from jaxvis.methods.vectorized.correspondence.compiled import compiled
+from jaxvis.compiled import compiled
 
 
 @compiled
