@@ -173,7 +173,7 @@ def finer_rows(
 ) -> Iterator[Row]:
     """A finer field beside the usual one."""
     cell = edge_of(method) if options.finer_cell is None else options.finer_cell
-    finer = replace(method, cell=cell, masks=options.finer_masks)
+    finer = replace(method, cell=cell, masks=options.finer_masks, dilation=options.finer_dilation)
     for one in (method, finer):
         name = f"{edge_of(one):g}, {one.masks} x {one.masks}"
         yield row_of(view, one, options, "cell and masks", name)
@@ -268,7 +268,8 @@ def options_of_command_line(arguments: list[str] | None = None) -> argparse.Name
     add("--glossy", action="store_true", help="the file's own materials")
     add("--finer", action="store_true", help="a finer field")
     add("--finer-cell", type=float, help="default: that of --cell")
-    add("--finer-masks", type=int, default=64, help="default: %(default)s")
+    add("--finer-masks", type=int, default=48, help="default: %(default)s")
+    add("--finer-dilation", default="half", help="full, half or none; default: %(default)s")
     add("--all-frequency", action="store_true", help="windows and stpeters against reference")
     add("--keys", type=int, default=16, help="frames averaged for --all-frequency")
     add("--error", type=float, default=0.01, help="of the reference's pixels")

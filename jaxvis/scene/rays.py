@@ -42,7 +42,9 @@ def offset_origins(
     geometric_normals: Float[np.ndarray, "*points 3"],
 ) -> Float32[np.ndarray, "*points 3"]:
     """Positions moved off their surface, to the side of the normal, by a rounding-safe distance."""
-    scale = OFFSET_SCALE * np.max(np.abs(positions), axis=-1, keepdims=True, initial=0.0)
+    # Axis by axis: NumPy's maximum over a short last axis is ten times as slow.
+    x, y, z = (np.abs(positions[..., axis : axis + 1]) for axis in range(3))
+    scale = OFFSET_SCALE * np.maximum(np.maximum(x, y), z)
     moved = positions + np.maximum(scale, np.float32(1e-30)) * geometric_normals
     return np.ascontiguousarray(moved, np.float32)
 

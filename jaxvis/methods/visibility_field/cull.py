@@ -14,9 +14,9 @@ from jaxvis.methods.visibility_field.field import (
     TEXELS_PER_WORD,
     VISIBLE,
     FieldVisibility,
-    row_of,
 )
 from jaxvis.methods.visibility_field.grid import Grid, cell_of
+from jaxvis.methods.visibility_field.lookup import Lookup, row_of
 from jaxvis.methods.visibility_field.masks import labels as occlusion_labels
 from jaxvis.sphere import octahedral
 
@@ -75,7 +75,7 @@ class Table:
     """What decisions need of a field, on the device: masks and their cells, and each row's rule."""
 
     grid: Grid
-    keys: Int[Array, "cells"]
+    lookup: Lookup
     words: UInt32[Array, "cells words"]
     rules: UInt32[Array, "rows"]
     size: int = field(metadata={"static": True})
@@ -84,7 +84,8 @@ class Table:
     def of(cls, stored: FieldVisibility, chosen: UInt32[Array, "rows"]) -> "Table":
         """Of a field and its :func:`rules`."""
         grid = jax.tree.map(jnp.asarray, stored.grid)
-        return cls(grid, jnp.asarray(stored.keys), jnp.asarray(stored.words), chosen, stored.size)
+        lookup = Lookup.of(stored.keys, stored.grid.cells)
+        return cls(grid, lookup, jnp.asarray(stored.words), chosen, stored.size)
 
 
 @partial(jax.jit, static_argnames="size")
@@ -117,7 +118,7 @@ def decide(
 @jax.jit
 def locate(table: Table, points: ShadingPoints) -> Int[Array, "points"]:
     """The row of the masks of each point; -1 where the field has none."""
-    return row_of(table.keys, cell_of(table.grid, points.origin))
+    return row_of(table.lookup, cell_of(table.grid, points.origin))
 
 
 @jax.jit
@@ -134,7 +135,7 @@ def decision_of(
 ) -> UInt8[Array, "points samples"]:
     """Decisions for a block of rays; without a field every ray above its plane is traced."""
     above = above_plane(points, directions)
-    if table is None or not table.keys.shape[0]:
+    if table is None or not table.lookup.keys.shape[0]:
         return jnp.where(above, TRACE, DROP).astype(jnp.uint8)
     row = locate(table, points)
     chosen = jnp.take(table.rules, row, mode="wrap")  # -1 is the last row

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from os import PathLike
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, Integer, UInt8, UInt32
 
@@ -108,13 +107,3 @@ def unpacked(
     places = 2 * np.arange(TEXELS_PER_WORD, dtype=np.uint32)
     texels = ((words[..., None] >> places) & 3).astype(np.uint8)
     return texels.reshape(len(words), -1)[:, : size * size].reshape(-1, size, size)
-
-
-def row_of(
-    keys: Int[Array, "cells"], cells: Int[Array | np.ndarray, "*points"]
-) -> Int[Array, "*points"]:
-    """Which row of the masks each cell (number) has; -1 for cells without (jitted)."""
-    if not keys.shape[0]:
-        return jnp.full_like(cells, -1)
-    row = jnp.minimum(jnp.searchsorted(keys, cells), keys.shape[0] - 1).astype(jnp.int32)
-    return jnp.where(jnp.take(keys, row) == cells, row, -1)

@@ -12,6 +12,7 @@ from jaxvis.methods.visibility_field.cull import ACCEPT
 from jaxvis.sampling.blue_noise import blue_noise
 from jaxvis.sampling.hemisphere import sample_cosine
 from jaxvis.sampling.sequences import hammersley
+from jaxvis.sphere.angles import sine_cosine
 from jaxvis.sphere.frames import frame
 from jaxvis.sphere.harmonics import quadratic_form
 
@@ -60,8 +61,7 @@ def turned_frames(
 ) -> Float[Array, "points 3 3"]:
     """Rows: tangent, bitangent and normal, turned about the normal by ``turn`` turns."""
     tangent, bitangent = frame(normal)
-    angle = 2.0 * jnp.pi * turn[:, None]
-    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    sine, cosine = sine_cosine(turn[:, None])
     return jnp.stack(
         [cosine * tangent + sine * bitangent, cosine * bitangent - sine * tangent, normal], axis=1
     )

@@ -6,8 +6,9 @@ import pytest
 
 from jaxvis.cache import save_arrays
 from jaxvis.methods.traced import RayVisibility
-from jaxvis.methods.visibility_field.field import FieldVisibility, packed, row_of, unpacked
+from jaxvis.methods.visibility_field.field import FieldVisibility, packed, unpacked
 from jaxvis.methods.visibility_field.grid import Grid, cell_of
+from jaxvis.methods.visibility_field.lookup import BUCKET_BITS, Lookup, row_of
 from jaxvis.scene.builtin import builtin_scene
 
 SCENE = builtin_scene("sphere-on-plane", rows=6, cells=2)
@@ -81,7 +82,7 @@ def test_rows_of_cells():
     cells = jnp.arange(-1, field.grid.cells)
     expected = np.full(len(cells), -1)
     expected[field.keys + 1] = np.arange(len(field.keys))
-    np.testing.assert_array_equal(row_of(jnp.asarray(field.keys), cells), expected)
+    np.testing.assert_array_equal(row_of(Lookup.of(field.keys, field.grid.cells), cells), expected)
 
 
 def test_a_field_survives_the_disk(tmp_path):
@@ -117,3 +118,15 @@ def test_bytes_are_those_of_the_arrays():
     count = len(field.keys)
     assert field.nbytes == count * (4 + 4 * 21 + 4 + 4) + 16
     assert field.dense_bytes == field.grid.cells * 400
+
+
+@pytest.mark.parametrize("cells", [1, 7, 2**BUCKET_BITS, 2**BUCKET_BITS + 1, 40 * 2**BUCKET_BITS])
+def test_rows_are_found_in_grids_of_every_size(cells):
+    rng = np.random.default_rng(cells)
+    keys = np.unique(rng.integers(0, cells, min(cells, 5000))).astype(np.int32)
+    asked = np.concatenate([keys, rng.integers(0, cells, 5000), [0, cells - 1, -1]])
+    asked = asked.astype(np.int32)
+    place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
+    expected = np.where(keys[place] == asked, place, -1)
+    found = row_of(Lookup.of(keys, cells), jnp.asarray(asked))
+    np.testing.assert_array_equal(found, expected)
