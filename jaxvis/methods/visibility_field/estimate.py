@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Integer, UInt8, UInt32
+from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from jaxvis.methods.estimators import (
     Counts,
@@ -36,9 +36,12 @@ from jaxvis.reflectance import Reflectance
 from jaxvis.scene import RayTracer
 from jaxvis.sphere import harmonics
 
-FEWEST_WEIGHED = 1 << 12
-"""Visible rays in a call of the jitted weights: this or a larger power of two, so that few programs
-are compiled. A block always makes the same call, whatever the chunk."""
+WEIGHED_AT_ONCE = 1 << 14
+"""Visible rays in one call of the jitted weights: fixed, so that each meets the same machine code
+and gives the same bits."""
+
+WEIGHED_TOGETHER = 1 << 17
+"""Visible rays that wait until they are weighed: those of whole blocks."""
 
 
 class Frame(NamedTuple):
@@ -215,36 +218,61 @@ def _summed(
 ) -> Float[np.ndarray, "points 3"]:
     """Sum of the weights of the rays that reach the sky. Only these are weighed."""
     radiance = np.zeros((len(frame.points.pixel), 3), np.float32)
-    for (first, inside, points, rays), decision in frame.blocks(draw, samples):
-        flat = np.flatnonzero(decision[:inside] == ACCEPT)
-        if not len(flat):
-            continue
-        room = max(FEWEST_WEIGHED, 1 << (len(flat) - 1).bit_length())
-        padded = np.zeros(room, np.int32)
-        padded[: len(flat)] = flat
-        texel = rays.decision if rays.texel is None else rays.texel
-        gathered = gather(points, cast(Listed, rays.directions).directions, texel, padded)
-        weights = np.asarray(weigh(*gathered))[: len(flat)]
-        point, begins = np.unique(flat // samples, return_index=True)
-        radiance[first + point] += np.add.reduceat(weights, begins, axis=0)
+    waiting: list[Lit] = []
+    for (first, inside, _, rays), decision in frame.blocks(draw, samples):
+        waiting.append(_lit(first, rays, decision[:inside]))
+        if sum(len(lit.point) for lit in waiting) >= WEIGHED_TOGETHER:
+            _add(radiance, frame.points, waiting, weigh)
+            waiting = []
+    _add(radiance, frame.points, waiting, weigh)
     return radiance
 
 
-Dense = tuple[
-    Float[Array, "points samples"], Float[Array, "points samples"], Float[Array, "points samples"]
-]
-Chosen = tuple[Float[Array, "chosen"], Float[Array, "chosen"], Float[Array, "chosen"]]
+class Lit(NamedTuple):
+    """Rays that reach the sky: point after point, whole points only (host)."""
+
+    point: Int[np.ndarray, "rays"]
+    x: Float[np.ndarray, "rays"]
+    y: Float[np.ndarray, "rays"]
+    z: Float[np.ndarray, "rays"]
+    texel: Int[np.ndarray, "rays"]
+
+
+def _lit(first: int, rays: Rays, decision: UInt8[np.ndarray, "points samples"]) -> Lit:
+    """Those of a block whose points begin with ``first``."""
+    flat = np.flatnonzero(decision == ACCEPT)
+    axes = cast(Listed, rays.directions).directions
+    x, y, z = (np.asarray(axis).reshape(-1).take(flat) for axis in axes)
+    if rays.texel is None:
+        texel = np.zeros(len(flat), np.int32)
+    else:
+        texel = np.asarray(rays.texel).reshape(-1).take(flat)
+    return Lit((first + flat // decision.shape[1]).astype(np.int32), x, y, z, texel)
+
+
+def _add(
+    radiance: Float[np.ndarray, "points 3"],
+    points: ShadingPoints,
+    waiting: list[Lit],
+    weigh: Weigh,
+) -> None:
+    """Weighs rays, :data:`WEIGHED_AT_ONCE` a call, and adds them to their points."""
+    count = sum(len(lit.point) for lit in waiting)
+    if not count:
+        return
+    rays = Lit(*(np.concatenate(arrays) for arrays in zip(*waiting, strict=True)))
+    padded = Lit(*(np.pad(array, (0, -count % WEIGHED_AT_ONCE), "edge") for array in rays))
+    weights = []
+    for start in range(0, len(padded.point), WEIGHED_AT_ONCE):
+        part = Lit(*(array[start : start + WEIGHED_AT_ONCE] for array in padded))
+        axes = (jnp.asarray(part.x), jnp.asarray(part.y), jnp.asarray(part.z))
+        weights.append(weigh(_taken(points, part.point), axes, jnp.asarray(part.texel)))
+    begins = np.flatnonzero(np.diff(rays.point, prepend=-1))
+    sums = np.add.reduceat(np.concatenate(weights)[:count], begins, axis=0)
+    radiance[rays.point[begins]] += sums
 
 
 @jax.jit
-def gather(
-    points: ShadingPoints,
-    directions: Dense,
-    texel: Integer[Array, "points samples"],
-    rays: Int[Array | np.ndarray, "chosen"],
-) -> tuple[ShadingPoints, Chosen, Integer[Array, "chosen"]]:
-    """The rays with these flat numbers, each with its point."""
-    samples = texel.shape[1]
-    chosen = jax.tree.map(lambda leaf: jnp.take(leaf, rays // samples, axis=0), points)
-    axes = [jnp.take(axis.reshape(-1), rays) for axis in directions]
-    return chosen, (axes[0], axes[1], axes[2]), jnp.take(texel.reshape(-1), rays)
+def _taken(points: ShadingPoints, chosen: Int[Array | np.ndarray, "rays"]) -> ShadingPoints:
+    """The point of each ray."""
+    return jax.tree.map(lambda leaf: jnp.take(leaf, chosen, axis=0), points)

@@ -50,7 +50,8 @@ pytestmark = pytest.mark.usefixtures("own_caches")
 def _small_blocks(monkeypatch):
     """Two blocks in an image, and no work for points that are not there."""
     monkeypatch.setattr(stages, "RAYS_PER_BLOCK", 128 * SPP)
-    monkeypatch.setattr(estimate, "FEWEST_WEIGHED", 64 * SPP)
+    monkeypatch.setattr(estimate, "WEIGHED_AT_ONCE", 64 * SPP)
+    monkeypatch.setattr(estimate, "WEIGHED_TOGETHER", 96 * SPP)
 
 
 @cache

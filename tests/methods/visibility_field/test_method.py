@@ -26,7 +26,7 @@ SMALL = {"cell": 1.0, "masks": 6, "samples": 3_000, "rays": 16, "spp": SPP}
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch):
     monkeypatch.setattr(stages, "RAYS_PER_BLOCK", 64 * SPP)
-    monkeypatch.setattr(estimate, "FEWEST_WEIGHED", 64 * SPP)
+    monkeypatch.setattr(estimate, "WEIGHED_AT_ONCE", 64 * SPP)
 
 
 @cache
