@@ -6,12 +6,14 @@ apart, in a few large kernels, so that what several outputs share is computed on
 depend on its pixel, its sample numbers and the key alone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, UInt32
 
 from jaxvis.lighting import Environment
@@ -40,6 +42,16 @@ class MonteCarloLight:
     environment: Environment
     sampler: EnvironmentSampler
 
+    @classmethod
+    def of(
+        cls,
+        environment: Environment,
+        sharpen: Callable[[np.ndarray], np.ndarray] = lambda luminance: luminance,
+    ) -> "MonteCarloLight":
+        """Directions are drawn in proportion to luminance, or to what ``sharpen`` makes of it."""
+        luminance = np.asarray(environment.radiance, np.float64) @ [0.2126, 0.7152, 0.0722]
+        return cls(environment, EnvironmentSampler.build(sharpen(luminance)))
+
 
 class Counts(NamedTuple):
     """How many directions a point draws from each technique."""
@@ -56,27 +68,44 @@ class Drawn(NamedTuple):
     texel: Int[Array, "points samples"]
 
 
+Draw = Callable[[ShadingPoints], Drawn]
+
+
+def draws(
+    counts: Counts, light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
+) -> list[Draw]:
+    """One way to draw directions for each technique that is drawn from."""
+
+    def from_uniform(points: ShadingPoints) -> Drawn:
+        numbers = random_numbers(words, points, first=0, samples=int(counts.uniform))
+        return located(draw_uniform(points, numbers), light)
+
+    def from_environment(points: ShadingPoints) -> Drawn:
+        numbers = random_numbers(words, points, first=0, samples=int(counts.environment))
+        return draw_environment(light, numbers)
+
+    def from_brdf(points: ShadingPoints) -> Drawn:
+        first = int(counts.environment)  # numbers that the environment's directions leave
+        numbers = random_numbers(words, points, first=first, samples=int(counts.brdf))
+        return located(draw_brdf(points, numbers, reflectance=reflectance), light)
+
+    techniques = (from_uniform, from_environment, from_brdf)
+    return [draw for count, draw in zip(counts, techniques, strict=True) if count]
+
+
 def proposals(
     counts: Counts, light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
 ) -> list[Propose]:
     """One proposal for each technique that is drawn from."""
-    weigh = partial(weighed, light, counts=counts, reflectance=reflectance)
 
-    def from_uniform(points: ShadingPoints) -> Proposal:
-        numbers = random_numbers(words, points, first=0, samples=int(counts.uniform))
-        return weigh(points, located(draw_uniform(points, numbers), light))
+    def proposal(draw: Draw) -> Propose:
+        def propose_rays(points: ShadingPoints) -> Proposal:
+            drawn = draw(points)
+            return weighed(light, points, drawn, counts=counts, reflectance=reflectance)
 
-    def from_environment(points: ShadingPoints) -> Proposal:
-        numbers = random_numbers(words, points, first=0, samples=int(counts.environment))
-        return weigh(points, draw_environment(light, numbers))
+        return propose_rays
 
-    def from_brdf(points: ShadingPoints) -> Proposal:
-        first = int(counts.environment)  # numbers that the environment's directions leave
-        numbers = random_numbers(words, points, first=first, samples=int(counts.brdf))
-        return weigh(points, located(draw_brdf(points, numbers, reflectance=reflectance), light))
-
-    techniques = (from_uniform, from_environment, from_brdf)
-    return [draw for count, draw in zip(counts, techniques, strict=True) if count]
+    return [proposal(draw) for draw in draws(counts, light, words, reflectance)]
 
 
 def tossed_proposal(

@@ -12,6 +12,9 @@ from jaxvis.sphere.polygons import Directions
 
 Points = Float[np.ndarray, "vectors 3"]
 
+HEIGHT, WIDTH = 16, 32
+"""Texels of the maps that tests share."""
+
 
 def unit(vectors):
     """Each row (or the one vector) by its length."""
@@ -132,3 +135,16 @@ def contour_integral(values, points: Points, step: float = 0.25) -> np.ndarray:
     # -pi steradians.
     south = round((np.pi - total[-1]) / (4.0 * np.pi))
     return (total + south * table[height, width])[:channels]
+
+
+def as_jax(array):
+    return jnp.asarray(array, jnp.float32)
+
+
+def solid_angles(height):
+    return row_solid_angles(height, 2 * height)[:, None, None]
+
+
+def random_values(channels=3, height=HEIGHT, power=6):
+    values = np.random.default_rng(0).random((height, 2 * height, channels)) ** power
+    return values * solid_angles(height)

@@ -6,26 +6,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from jaxvis.sphere import contours, latlong
 from jaxvis.sphere.contours import ContourTable, integrate, integrate_small
-from jaxvis.sphere.polygons import normalized, subdivide
+from jaxvis.sphere.polygons import subdivide
 
 from .contour_oracle import (
+    HEIGHT,
+    WIDTH,
     about,
     arcs,
+    as_jax,
     circle,
     contour_integral,
     directions_of,
     points_of,
+    random_values,
     raster_integral,
+    solid_angles,
     star,
     unit,
 )
 
-HEIGHT, WIDTH = 16, 32
 OCTANTS = [(r, c) for r in (5, 10) for c in (4, 12, 20, 28)]
 POLES = [(0, 7), (15, 9)]
 SEAM = [(7, 0), (8, 31)]
@@ -47,19 +51,6 @@ def padded(polygons, vectors=(64, 512), count=(12, 64)):
     size = next(n for n in vectors if n >= most)
     full = [np.pad(p, ((0, size - len(p)), (0, 0)), mode="edge") for p in polygons]
     return directions_of(*full, *full[:1] * (next(n for n in count if n >= len(full)) - len(full)))
-
-
-def as_jax(array):
-    return jnp.asarray(array, jnp.float32)
-
-
-def solid_angles(height):
-    return latlong.row_solid_angles(height, 2 * height)[:, None, None]
-
-
-def random_values(channels=3, height=HEIGHT, power=6):
-    values = np.random.default_rng(0).random((height, 2 * height, channels)) ** power
-    return values * solid_angles(height)
 
 
 def whole_numbers(channels=2):
@@ -144,6 +135,7 @@ def test_one_bright_texel_is_inside_or_it_is_not(texel):
     du=st.floats(0.02, 0.45),
     v=st.tuples(st.floats(0.3, 15.7), st.floats(0.3, 15.7)),
 )
+@example(u0=0.5703125, du=0.25, v=(1.0, 12.5))
 @settings(max_examples=25, deadline=None)
 def test_boxes_at_fractional_texels_are_exact(u0, du, v):
     """Edges along rows and columns, which no rule can get wrong; over the seam too.
@@ -161,8 +153,10 @@ def test_boxes_at_fractional_texels_are_exact(u0, du, v):
     across = np.arange(2 * WIDTH + 1.0)
     columns = np.diff(np.clip(across, u0 * WIDTH, (u0 + du) * WIDTH)).reshape(2, WIDTH).sum(0)
     expected = np.einsum("r,c,rcx->x", rows, columns, values)
-    got = split(build(as_jax(values)), points)[0]
-    np.testing.assert_allclose(got, expected, atol=1e-5 * values.sum())
+    # Without padding, each vector of which may add 4e-7 of the whole (see integrate).
+    lookups = trapezoid(HEIGHT, directions_of(points), "bilinear")
+    got = np.asarray(integrals(build(as_jax(values)), lookups))[0]
+    np.testing.assert_allclose(got, expected, atol=2e-6 * values.sum())
 
 
 # Oracles
@@ -446,75 +440,6 @@ def test_sets_taken_in_turn_are_one_polygon(count):
     whole = np.stack([points_of(d)[0] for d in sets], axis=1).reshape(-1, 3)
     got = integrals(table, trapezoid(HEIGHT, directions_of(points), "nearest", 2))
     np.testing.assert_allclose(got[0], split(table, whole, lookup="nearest")[0], rtol=1e-6)
-
-
-# Gradients
-
-
-def test_gradients_match_finite_differences():
-    rng = np.random.default_rng(14)
-    values = as_jax(random_values(3))
-    luminance = as_jax(random_values(1))
-    places = as_jax(latlong.texel_directions(HEIGHT, WIDTH))
-    polygon = directions_of(star(rng, [0.2, 0.5, -0.6], 24))
-
-    def value(values, luminance, sharpness):
-        luminous = ContourTable.build(luminance * places)
-        lookups = contours.vsat(luminous, [polygon], sharpness)
-        return jnp.sum(integrate(ContourTable.build(values), lookups) * as_jax([1.0, 0.3, -0.5]))
-
-    arguments = (values, luminance, jnp.float32(6.0))
-    slopes = jax.jit(jax.grad(value, argnums=(0, 1, 2)))(*arguments)
-    value = jax.jit(value)
-    for which, slope in enumerate(np.asarray(slope, np.float64) for slope in slopes):
-        change = 0.05 * arguments[which] * as_jax(np.sign(slope))  # uphill
-
-        def moved(sign, which=which, change=change):
-            there = list(arguments)
-            there[which] = there[which] + sign * change
-            return float(value(*there))
-
-        expected = 0.5 * (moved(1.0) - moved(-1.0))
-        np.testing.assert_allclose(np.sum(slope * np.asarray(change)), expected, rtol=0.03)
-
-
-def test_degenerate_directions_stay_finite_and_so_do_gradients():
-    """Zero vectors, poles, equal neighbours, opposite ones; a dark map too."""
-    points = np.array(
-        [
-            *([0, 1, 0], [0, -1, 0], [0, -1, 0], [0, 0, 0], [1, 0, 0], [-1, 0, 0]),
-            *([0, 0, 1], [0, 0, 0], [0, 0, 0], [0, 0.6, 0.8], [0, -0.6, -0.8], [0, 0, -1]),
-        ],
-        np.float64,
-    )
-    places = as_jax(latlong.texel_directions(HEIGHT, WIDTH))
-
-    def value(values, directions, sharpness, lookup):
-        table = ContourTable.build(values)
-        luminous = ContourTable.build(values[..., :1] * places)
-        sets = [normalized(directions)]
-        return jnp.sum(integrate(table, contours.vsat(luminous, sets, sharpness, lookup)))
-
-    slope = jax.jit(jax.value_and_grad(value, argnums=(0, 1, 2)), static_argnums=3)
-    one_bright = np.zeros((HEIGHT, WIDTH, 1))
-    one_bright[5, 9] = 1.0
-    for values in (random_values(1), one_bright, np.zeros_like(one_bright)):
-        for lookup in ("nearest", "bilinear"):
-            got = slope(as_jax(values), directions_of(points), jnp.float32(8.0), lookup)
-            assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(got))
-
-
-def test_light_squarely_beside_an_edge_has_a_finite_gradient():
-    """Where the arcsine of eq. 11 has an infinite slope."""
-    start, end = directions_of(np.array([[0.0, 0.0, 1.0]])), directions_of(np.array([[1.0, 0, 0]]))
-
-    def beta(y):
-        light = contours.Directions(jnp.zeros((1, 1)), y[None, None], jnp.zeros((1, 1)))
-        return contours._beta(light, start, end, 5.0)[0, 0]
-
-    value, slope = jax.jit(jax.value_and_grad(beta))(jnp.float32(0.3))
-    np.testing.assert_allclose(value, 0.5 + 0.5 * np.tanh(5.0 * 0.5 * np.pi), rtol=1e-5)
-    assert np.isfinite(slope)
 
 
 def test_build_needs_no_more_than_half_a_turn_beside_the_map():

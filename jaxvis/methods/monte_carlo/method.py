@@ -24,7 +24,6 @@ from jaxvis.methods.traced import (
     to_image,
     trace_and_sum,
 )
-from jaxvis.sampling import EnvironmentSampler
 from jaxvis.sampling.random import key_words
 from jaxvis.scene import Scene, Surface
 from jaxvis.sphere.latlong import row_solid_angles
@@ -69,11 +68,9 @@ class MonteCarlo(Method):
 
     def light(self, environment: Environment) -> MonteCarloLight:
         """The environment with its sampling table."""
-        radiance = np.asarray(environment.radiance, np.float64)
-        luminance = radiance @ np.array([0.2126, 0.7152, 0.0722])
         if self.compensation:
-            luminance = compensated(luminance)
-        return MonteCarloLight(environment, EnvironmentSampler.build(luminance))
+            return MonteCarloLight.of(environment, sharpen=compensated)
+        return MonteCarloLight.of(environment)
 
     def shade(
         self,

@@ -7,9 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxvis.methods.traced import Components, ShadingPoints, components
-from jaxvis.methods.visibility_field.hemisphere import (
-    turned_frames,
-)
+from jaxvis.methods.visibility_field.hemisphere import turned_frames
 from jaxvis.reflectance import CookTorrance, Reflectance
 from jaxvis.sampling.sequences import hammersley, radical_inverse
 from jaxvis.sphere.angles import sine_cosine

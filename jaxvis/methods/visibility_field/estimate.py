@@ -11,12 +11,10 @@ from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from jaxvis.methods.estimators import (
     Counts,
+    Draw,
     Drawn,
     MonteCarloLight,
-    draw_brdf,
-    draw_environment,
-    located,
-    random_numbers,
+    draws,
     weighed,
 )
 from jaxvis.methods.traced import Components, ShadingPoints, reflected
@@ -141,24 +139,18 @@ def all_frequency(
         weights = weighed(light, points, drawn, counts=counts, reflectance=reflectance).weights
         return jnp.concatenate(weights, axis=1)
 
-    def rays(points: ShadingPoints, drawn: Drawn) -> Rays:
+    def decided(draw: Draw, points: ShadingPoints) -> Rays:
+        drawn = draw(points)
         decision = decision_of(frame.table, points, drawn.directions)
         return Rays(Listed(drawn.directions), decision, drawn.texel)
 
-    def from_environment(points: ShadingPoints) -> Rays:
-        numbers = random_numbers(words, points, first=0, samples=int(counts.environment))
-        return rays(points, draw_environment(light, numbers))
-
-    def from_brdf(points: ShadingPoints) -> Rays:
-        first = int(counts.environment)  # numbers that the environment's directions leave
-        numbers = random_numbers(words, points, first=first, samples=int(counts.brdf))
-        directions = draw_brdf(points, numbers, reflectance=reflectance)
-        return rays(points, located(directions, light))
-
-    radiance = _summed(frame, from_environment, weigh, int(counts.environment))
-    if counts.brdf:
-        silent = frame._replace(advance=lambda points: None)
-        radiance += _summed(silent, from_brdf, weigh, int(counts.brdf))
+    # Each technique takes all points; the bar counts them once.
+    quiet = frame._replace(advance=lambda points: None)
+    techniques = draws(counts, light, words, reflectance)
+    radiance = np.zeros((len(frame.points.pixel), 3), np.float32)
+    for which, (draw, samples) in enumerate(zip(techniques, filter(None, counts), strict=True)):
+        told = quiet if which else frame
+        radiance += _summed(told, partial(decided, draw), weigh, int(samples))
     return radiance
 
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float, Float32, UInt8
+from jaxtyping import Array, Float, Float32, Int32, UInt8
 
 from jaxvis.compiled import compiled
 from jaxvis.methods.traced import Components
@@ -17,11 +17,30 @@ class Turned(NamedTuple):
     frames: Float[Array, "points 3 3"]
     local: Float[Array, "samples 3"]
 
+    def gather(
+        self,
+        points: slice,
+        places: Int32[np.ndarray, "rays"],
+        along: Float32[np.ndarray, "rays 3"],
+    ) -> None:
+        """Writes the directions at flat ``places`` of some points' rays to ``along``."""
+        _turn(np.asarray(self.frames)[points], np.asarray(self.local), places, along)
+
 
 class Listed(NamedTuple):
     """Directions of their own for every point."""
 
     directions: Components
+
+    def gather(
+        self,
+        points: slice,
+        places: Int32[np.ndarray, "rays"],
+        along: Float32[np.ndarray, "rays 3"],
+    ) -> None:
+        """Writes the directions at flat ``places`` of some points' rays to ``along``."""
+        for axis, component in enumerate(self.directions):
+            along[:, axis] = np.asarray(component)[points].take(places)
 
 
 def settle(
@@ -44,13 +63,7 @@ def settle(
     starts = np.empty((count, 3), np.float32)
     along = np.empty((count, 3), np.float32)
     _list(decision, origins, places, starts)
-    if isinstance(directions, Turned):
-        frames = np.asarray(directions.frames)[first : first + len(decision)]
-        _turn(frames, np.asarray(directions.local), places, along)
-    else:
-        part = slice(first, first + len(decision))
-        x, y, z = (np.asarray(axis)[part].reshape(-1) for axis in directions.directions)
-        _take(x, y, z, places, along)
+    directions.gather(slice(first, first + len(decision)), places, along)
     _enter(tracer.occluded_block(starts, along), places, decision.reshape(-1))
 
 
@@ -81,13 +94,6 @@ def _turn(frames, local, places, along):
                 + frame[1, axis] * local[sample, 1]
                 + frame[2, axis] * local[sample, 2]
             )
-
-
-@compiled
-def _take(x, y, z, places, along):
-    """Directions of rays that are listed by component."""
-    for ray in range(len(places)):
-        along[ray, 0], along[ray, 1], along[ray, 2] = x[places[ray]], y[places[ray]], z[places[ray]]
 
 
 @compiled

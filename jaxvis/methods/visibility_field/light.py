@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import jax
-import numpy as np
 from jaxtyping import Array, Float
 
 from jaxvis.lighting import Environment
 from jaxvis.methods.estimators import MonteCarloLight
-from jaxvis.sampling import EnvironmentSampler
 from jaxvis.sphere import harmonics
 
 
@@ -33,6 +31,5 @@ class FieldLight:
     @classmethod
     def whole(cls, environment: Environment) -> "FieldLight":
         """The environment with its table too."""
-        luminance = np.asarray(environment.radiance, np.float64) @ [0.2126, 0.7152, 0.0722]
-        sampled = MonteCarloLight(environment, EnvironmentSampler.build(luminance))
-        return cls(harmonics.project(environment.radiance, 3), sampled)
+        coefficients = harmonics.project(environment.radiance, 3)
+        return cls(coefficients, MonteCarloLight.of(environment))
