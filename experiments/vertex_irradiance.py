@@ -26,7 +26,7 @@ from jaxvis.methods.vectorized.irradiance import Quadrature, irradiance
 from jaxvis.methods.vectorized.light import PolygonLight, polygon_light
 from jaxvis.methods.vectorized.plan import corner_sites
 from jaxvis.methods.vectorized.precompute import Settings, trace_polygons
-from jaxvis.methods.vectorized.vertices import VertexSamples, vertex_samples
+from jaxvis.methods.vertices import VertexSamples, vertex_samples
 from jaxvis.scene import Scene
 from jaxvis.sphere import latlong
 from jaxvis.sphere.contours import Lookup

@@ -3,11 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxvis.methods.backs import behind_surfaces
 from jaxvis.methods.vectorized.hemisphere_map import Samples, look_around
 from jaxvis.scene import RayTracer
-
-LEAST_SHARE = 0.25
-"""Of a sample's directions that must meet backs."""
 
 
 def buried(
@@ -16,10 +14,7 @@ def buried(
     normals: Float[np.ndarray, "triangles 3"],
     one_sided: Bool[np.ndarray, "triangles"],
 ) -> Bool[np.ndarray, "samples"]:
-    """Whether a sample sees mostly the backs of one-sided triangles.
-
-    Such a vertex is on the wrong side of a surface that passes through its triangles. What it sees
-    says nothing about the places of those triangles that a camera can see.
+    """Whether a sample sees mostly the backs of one-sided triangles (:func:`behind_surfaces`).
 
     Args:
         tracer: the scene, centred coordinates.
@@ -29,11 +24,5 @@ def buried(
     """
     found = [np.zeros(0, bool)]
     for _, rays, hits in look_around(tracer, samples):
-        shape = rays.shape[:2]
-        hit = (hits.triangle >= 0).reshape(shape)
-        plane = normals.take(hits.triangle, axis=0).reshape(rays.shape)
-        back = hit & (np.sum(plane * rays, axis=-1) > 0.0)
-        back &= one_sided.take(hits.triangle).reshape(shape)
-        backs, fronts = back.mean(axis=1), (hit & ~back).mean(axis=1)
-        found.append((backs >= LEAST_SHARE) & (backs > fronts))
+        found.append(behind_surfaces(rays, hits, normals, one_sided))
     return np.concatenate(found)

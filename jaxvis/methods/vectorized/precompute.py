@@ -23,7 +23,7 @@ from jaxvis.methods.vectorized.sequences import sequences
 from jaxvis.methods.vectorized.silhouettes import position_vectors
 from jaxvis.methods.vectorized.simplify import simplify
 from jaxvis.methods.vectorized.touching import clear_of_surfaces
-from jaxvis.methods.vectorized.vertices import vertex_samples
+from jaxvis.methods.vertices import vertex_samples
 from jaxvis.scene import RayTracer, Scene
 from jaxvis.scene.rays import offset_origins
 

@@ -2,7 +2,7 @@ import numpy as np
 
 from jaxvis.methods.vectorized.buried import buried
 from jaxvis.methods.vectorized.hemisphere_map import Samples
-from jaxvis.methods.vectorized.vertices import vertex_samples
+from jaxvis.methods.vertices import vertex_samples
 from jaxvis.scene.builtin import builtin_scene
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from jaxvis.methods.vectorized import precompute
 from jaxvis.methods.vectorized.precompute import Settings, precompute_polygons, trace_polygons
-from jaxvis.methods.vectorized.vertices import vertex_samples
+from jaxvis.methods.vertices import vertex_samples
 from jaxvis.scene import RayTracer, build_scene
 from jaxvis.scene.builtin import builtin_scene
 from tests.methods.vectorized.polygon_oracle import (

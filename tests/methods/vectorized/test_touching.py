@@ -4,7 +4,7 @@ import pytest
 from jaxvis.methods.vectorized.hemisphere_map import Samples
 from jaxvis.methods.vectorized.precompute import Settings, precompute_polygons, trace_polygons
 from jaxvis.methods.vectorized.touching import clear_of_surfaces
-from jaxvis.methods.vectorized.vertices import vertex_samples
+from jaxvis.methods.vertices import vertex_samples
 from jaxvis.scene.builtin import builtin_scene
 from tests.methods.vectorized.polygon_oracle import clamped, irradiance, own_irradiance, seen_from
 

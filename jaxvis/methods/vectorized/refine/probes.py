@@ -9,7 +9,7 @@ from jaxvis.methods.vectorized.precompute import Settings
 from jaxvis.methods.vectorized.refine.bisection import Edges, Leaves, edge_keys
 from jaxvis.methods.vectorized.refine.indicator import interpolation_errors
 from jaxvis.methods.vectorized.refine.samples import Ground, Traced, Vertices
-from jaxvis.methods.vectorized.vertices import Around
+from jaxvis.methods.vertices import Around
 
 
 class Probes(NamedTuple):

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Float64, Int, Int32
 
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 from jaxvis.methods.vectorized.precompute import Settings, trace_samples
-from jaxvis.methods.vectorized.vertices import Around, placed_samples
+from jaxvis.methods.vertices import Around, placed_samples
 from jaxvis.scene import Scene
 
 

@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxvis.methods.vectorized.vertices import LARGEST_DIP, vertex_samples
+from jaxvis.methods.vertices import LARGEST_DIP, vertex_samples
 from jaxvis.reflectance import Material
 from jaxvis.scene import build_scene
 from jaxvis.scene.builtin import builtin_scene
