@@ -12,6 +12,7 @@ LAYERS = [
     "errors",
     "chunks",
     "compiled",
+    "cores",
     "cache",
     "specs",
     "pixels",

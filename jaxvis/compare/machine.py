@@ -8,6 +8,8 @@ from typing import Any
 
 import jax
 
+from jaxvis.cores import core_count
+
 LIBRARIES = ("jaxvis", "jax", "jaxlib", "numpy", "embreex")
 
 
@@ -26,7 +28,7 @@ def machine() -> dict[str, Any]:
     """Processor, cores that this process may use, memory in GiB, platform and JAX's device."""
     return {
         "cpu": _processor(),
-        "cores": _cores(),
+        "cores": core_count(),
         "memory_gib": _memory(),
         "platform": f"{platform.system()} {platform.machine()}",
         "jax_backend": jax.default_backend(),
@@ -42,10 +44,6 @@ def _processor() -> str:
     except OSError:
         pass
     return platform.processor() or "unknown"
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _memory() -> float | None:

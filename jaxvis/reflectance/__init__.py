@@ -1,8 +1,10 @@
 """Reflectance models and the materials that feed them."""
 
 from jaxvis.reflectance.cook_torrance import CookTorrance
+from jaxvis.reflectance.gaussians import cosine_lobe, specular_lobe
 from jaxvis.reflectance.lambert import Lambert
 from jaxvis.reflectance.material import Material, evaluate_materials
+from jaxvis.reflectance.mixed import Mixed
 from jaxvis.reflectance.model import Reflectance
 from jaxvis.reflectance.names import reflectance_by_name
 from jaxvis.reflectance.phong import BlinnPhong, Phong
@@ -15,9 +17,12 @@ __all__ = [
     "Lambert",
     "Material",
     "MaterialValues",
+    "Mixed",
     "Phong",
     "Reflectance",
     "Texture",
+    "cosine_lobe",
     "evaluate_materials",
     "reflectance_by_name",
+    "specular_lobe",
 ]

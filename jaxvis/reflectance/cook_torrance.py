@@ -5,7 +5,16 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxvis.reflectance.model import GlossyReflectance, facet_cosines, luminance, mix, over_points
+from jaxvis.reflectance.model import (
+    Cosines,
+    GlossyReflectance,
+    Terms,
+    coloured,
+    facet_cosines,
+    luminance,
+    mix,
+    over_points,
+)
 from jaxvis.reflectance.values import MaterialValues
 from jaxvis.sampling import hemisphere, microfacet
 from jaxvis.sphere.frames import dot, reflect
@@ -44,34 +53,43 @@ class CookTorrance(GlossyReflectance):
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         normal, view, light = over_points(material, normal, view, light)
         cos_view, cos_light = dot(normal, view), dot(normal, light)
-        up = (cos_view > 0.0) & (cos_light > 0.0)
-        towards_view = jnp.clip(cos_view, LOWEST_COSINE, 1.0)
-        towards_light = jnp.clip(cos_light, LOWEST_COSINE, 1.0)
-        width, grazing = material.microfacet_width, grazing_reflectance(material)
-
         cos_facet, facing = facet_cosines(normal, view, light)
+        width = material.microfacet_width
+        mirror = 2.0 * cos_view * cos_light  # of no concern to microfacets
+        cosines = Cosines(cos_view, cos_light, cos_facet, facing, mirror)
+        value = coloured(self.colours(material), self.terms(material, cosines))
+
         facets = 0.25 * microfacet.distribution(cos_facet, width, self.distribution)
-        passing = microfacet.masking_shadowing(
-            towards_light, towards_view, width, self.distribution
-        )
-        specular = jnp.where(up, facets * passing / towards_view, 0.0)
-        f0 = material.specular
-        fresnel = f0 + (1.0 - f0) * (grazing * schlick_weight(facing))[..., None]
-
-        coat = grazing * smoothness(width)
-        entering = (1.0 - coat * schlick_weight(towards_light)) / (1.0 - coat * (1.0 / 21.0))
-        leaving = 1.0 - coat * schlick_weight(towards_view)
         cosine = hemisphere.pdf_cosine(cos_light)
-        diffuse = jnp.where(up, cosine * entering * leaving, 0.0)
-        base = material.base_colour * (1.0 - f0)
-        value = base * diffuse[..., None] + fresnel * specular[..., None]
-
+        towards_view = jnp.clip(cos_view, LOWEST_COSINE, 1.0)
         if self.distribution == "ggx":  # visible facets, which all face up
             visible = facets * microfacet.masking(towards_view, width) / towards_view
             lobe = jnp.where(cos_view + cos_light > 0.0, visible, 0.0)
         else:
             lobe = facets * cos_facet / facing
         return value, mix(self.specular_share(material, cos_view), lobe, cosine)
+
+    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
+        width, grazing = material.microfacet_width, grazing_reflectance(material)
+        up = (cosines.view > 0.0) & (cosines.light > 0.0)
+        towards_view = jnp.clip(cosines.view, LOWEST_COSINE, 1.0)
+        towards_light = jnp.clip(cosines.light, LOWEST_COSINE, 1.0)
+        facets = 0.25 * microfacet.distribution(cosines.facet, width, self.distribution)
+        passing = microfacet.masking_shadowing(
+            towards_light, towards_view, width, self.distribution
+        )
+        specular = jnp.where(up, facets * passing / towards_view, 0.0)
+
+        coat = grazing * smoothness(width)
+        entering = (1.0 - coat * schlick_weight(towards_light)) / (1.0 - coat * (1.0 / 21.0))
+        leaving = 1.0 - coat * schlick_weight(towards_view)
+        cosine = hemisphere.pdf_cosine(cosines.light)
+        diffuse = jnp.where(up, cosine * entering * leaving, 0.0)
+        return Terms(diffuse, specular, specular * (grazing * schlick_weight(cosines.facing)))
+
+    def colours(self, material: MaterialValues) -> Terms:
+        f0 = material.specular
+        return Terms(material.base_colour * (1.0 - f0), f0, 1.0 - f0)
 
     def specular_share(
         self, material: MaterialValues, cos_view: Float[Array, "..."]

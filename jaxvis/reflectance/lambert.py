@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxvis.reflectance.model import Reflectance, over_points
+from jaxvis.reflectance.model import Cosines, Reflectance, Terms, over_points
 from jaxvis.reflectance.values import MaterialValues
 from jaxvis.sampling import hemisphere
 from jaxvis.sphere.frames import dot, to_world
@@ -26,6 +26,14 @@ class Lambert(Reflectance):
         density = hemisphere.pdf_cosine(dot(normal, light))
         lit = jnp.where(dot(normal, view) > 0.0, density, 0.0)
         return material.base_colour * lit[..., None], density
+
+    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
+        lit = jnp.where(cosines.view > 0.0, hemisphere.pdf_cosine(cosines.light), 0.0)
+        return Terms(lit, jnp.zeros_like(lit), jnp.zeros_like(lit))
+
+    def colours(self, material: MaterialValues) -> Terms:
+        black = jnp.zeros_like(material.base_colour)
+        return Terms(material.base_colour, black, black)
 
     def sample(
         self,

@@ -17,7 +17,8 @@ class Material:
 
     Colours are linear Rec. 709 in [0, 1], roughness is perceptual in [0, 1]
     (:class:`MaterialValues` says what they mean); colours are kept as tuples. Colour textures have
-    one or three channels, roughness textures one.
+    one or three channels, roughness textures one. ``model`` numbers the material's model where a
+    scene has several (:class:`~jaxvis.reflectance.mixed.Mixed`).
     """
 
     base_colour: Sequence[float | int] = (0.8, 0.8, 0.8)
@@ -28,6 +29,7 @@ class Material:
     roughness_texture: Texture | None = None
     two_sided: bool = False
     name: str = ""
+    model: int = 0
 
     def __post_init__(self) -> None:
         for field in ("base_colour", "specular"):
@@ -40,6 +42,10 @@ class Material:
         object.__setattr__(self, "roughness", float(self.roughness))
         if not 0.0 <= self.roughness <= 1.0:
             raise ValueError(f"{self._label}: roughness must lie in [0, 1], got {self.roughness}")
+        if isinstance(self.model, bool) or not isinstance(self.model, int) or self.model < 0:
+            raise ValueError(
+                f"{self._label}: model must be a whole number of at least 0, got {self.model!r}"
+            )
         for field, allowed in (
             ("base_colour_texture", (1, 3)),
             ("specular_texture", (1, 3)),
@@ -97,8 +103,11 @@ def evaluate_materials(
         roughness[here] = _product((material.roughness,), material.roughness_texture, at)
     if colours is not None:
         base_colour *= colours
+    models = np.array([material.model for material in materials], np.int32)
+    # None unless needed, so that scenes of one model carry and compile nothing more.
+    model = jnp.asarray(models[material_ids]) if models.any() else None
     return MaterialValues(
-        jnp.asarray(base_colour), jnp.asarray(specular), jnp.asarray(roughness[:, 0])
+        jnp.asarray(base_colour), jnp.asarray(specular), jnp.asarray(roughness[:, 0]), model
     )
 
 

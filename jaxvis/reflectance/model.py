@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -9,6 +10,46 @@ from jaxtyping import Array, Float
 from jaxvis.reflectance.values import MaterialValues
 from jaxvis.sampling import hemisphere
 from jaxvis.sphere.frames import dot, to_local, to_world
+
+
+class Cosines(NamedTuple):
+    """Where light and viewer stand, as far as isotropic models feel it; arrays that broadcast."""
+
+    view: Float[Array, "*#points"]
+    """n.v."""
+    light: Float[Array, "*#points"]
+    """n.l."""
+    facet: Float[Array, "*#points"]
+    """n.h, in [0, 1]: h mirrors the view to the light."""
+    facing: Float[Array, "*#points"]
+    """v.h, in (0, 1]."""
+    mirror: Float[Array, "*#points"]
+    """r.l: r is the view mirrored by the normal."""
+
+    @staticmethod
+    def of(
+        view: Float[Array, "*#points"],
+        light: Float[Array, "*#points"],
+        between: Float[Array, "*#points"],
+    ) -> "Cosines":
+        """From n.v, n.l and ``between`` = v.l. In float32 good for exponents up to some 1000."""
+        square = jnp.maximum(2.0 + 2.0 * between, 1e-8)
+        inverse = 1.0 / jnp.sqrt(square)
+        facet = jnp.clip(jnp.abs(view + light) * inverse, 0.0, 1.0)
+        facing = jnp.minimum(0.5 * square * inverse, 1.0)
+        return Cosines(view, light, facet, facing, 2.0 * view * light - between)
+
+
+class Terms(NamedTuple):
+    """BRDF x cosine = base_colour x base + specular_colour x specular + grazing_colour x grazing.
+
+    One of :meth:`Reflectance.terms`, which are numbers, the other of :meth:`Reflectance.colours`,
+    which do not depend on the light: it can be added up first and coloured last.
+    """
+
+    base: Float[Array, "..."]
+    specular: Float[Array, "..."]
+    grazing: Float[Array, "..."]
 
 
 @dataclass(frozen=True)
@@ -29,6 +70,14 @@ class Reflectance(ABC):
         light: Float[Array, "*#points 3"],
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         """:meth:`evaluate` ``[*points, 3]`` and :meth:`pdf` ``[*points]``, sharing their work."""
+
+    @abstractmethod
+    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
+        """BRDF x max(n.l, 0) per steradian without its colours, [*points] each."""
+
+    @abstractmethod
+    def colours(self, material: MaterialValues) -> Terms:
+        """What the :meth:`terms` are multiplied with, [*points, 3] each."""
 
     @abstractmethod
     def sample(
@@ -104,6 +153,15 @@ class GlossyReflectance(Reflectance):
         # By component: XLA then computes each lobe once, not once per component of the result.
         light = [jnp.where(chosen, specular[..., k], diffuse[..., k]) for k in range(3)]
         return to_world(jnp.stack(light, axis=-1), normal)
+
+
+def coloured(colours: Terms, terms: Terms) -> Float[Array, "*points 3"]:
+    """The sum of the terms with their colours."""
+    return (
+        colours.base * terms.base[..., None]
+        + colours.specular * terms.specular[..., None]
+        + colours.grazing * terms.grazing[..., None]
+    )
 
 
 def over_points(

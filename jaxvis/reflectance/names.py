@@ -2,6 +2,7 @@
 
 from jaxvis.reflectance.cook_torrance import CookTorrance
 from jaxvis.reflectance.lambert import Lambert
+from jaxvis.reflectance.mixed import Mixed
 from jaxvis.reflectance.model import Reflectance
 from jaxvis.reflectance.phong import BlinnPhong, Phong
 
@@ -11,6 +12,7 @@ MODELS: dict[str, Reflectance] = {
     "blinn-phong": BlinnPhong(),
     "ggx": CookTorrance("ggx"),
     "beckmann": CookTorrance("beckmann"),
+    "mixed": Mixed(),
 }
 
 

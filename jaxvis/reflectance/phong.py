@@ -6,7 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxvis.reflectance.model import (
+    Cosines,
     GlossyReflectance,
+    Terms,
+    coloured,
     cosine_between,
     facet_cosines,
     luminance,
@@ -44,11 +47,28 @@ class Phong(GlossyReflectance):
         exponent = material.exponent
         diffuse = hemisphere.pdf_cosine(cos_light)
         lobe = phong.pdf_lobe(cosine_between(reflect(view, normal), light), exponent)
-        specular = lobe
-        if self.foreshortened:
-            specular = lobe * cos_light * ((exponent + 2.0) / (exponent + 1.0))
-        value = _sum(material, cos_view, cos_light, diffuse, specular)
+        terms = _above(cos_view, cos_light, diffuse, self._specular(lobe, cos_light, exponent))
+        value = coloured(self.colours(material), terms)
         return value, mix(self.specular_share(material, cos_view), lobe, diffuse)
+
+    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
+        lobe = phong.pdf_lobe(cosines.mirror, material.exponent)
+        specular = self._specular(lobe, cosines.light, material.exponent)
+        diffuse = hemisphere.pdf_cosine(cosines.light)
+        return _above(cosines.view, cosines.light, diffuse, specular)
+
+    def colours(self, material: MaterialValues) -> Terms:
+        return _colours(material)
+
+    def _specular(
+        self,
+        lobe: Float[Array, "..."],
+        cos_light: Float[Array, "..."],
+        exponent: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
+        if not self.foreshortened:
+            return lobe
+        return lobe * cos_light * ((exponent + 2.0) / (exponent + 1.0))
 
     def specular_share(
         self, material: MaterialValues, cos_view: Float[Array, "..."]
@@ -87,11 +107,28 @@ class BlinnPhong(GlossyReflectance):
         diffuse = hemisphere.pdf_cosine(cos_light)
         cos_facet, facing = facet_cosines(normal, view, light)
         facet = phong.pdf_lobe(cos_facet, exponent)
-        factor = (exponent + 2.0) * (exponent + 4.0) / (4.0 * (exponent + 1.0))
-        specular = facet * cos_light * (factor / (jnp.exp2(-0.5 * exponent) + exponent))
-        value = _sum(material, cos_view, cos_light, diffuse, specular)
+        terms = _above(cos_view, cos_light, diffuse, self._specular(facet, cos_light, exponent))
+        value = coloured(self.colours(material), terms)
         lobe = facet / (4.0 * facing)
         return value, mix(self.specular_share(material, cos_view), lobe, diffuse)
+
+    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
+        facet = phong.pdf_lobe(cosines.facet, material.exponent)
+        specular = self._specular(facet, cosines.light, material.exponent)
+        diffuse = hemisphere.pdf_cosine(cosines.light)
+        return _above(cosines.view, cosines.light, diffuse, specular)
+
+    def colours(self, material: MaterialValues) -> Terms:
+        return _colours(material)
+
+    def _specular(
+        self,
+        facet: Float[Array, "..."],
+        cos_light: Float[Array, "..."],
+        exponent: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
+        factor = (exponent + 2.0) * (exponent + 4.0) / (4.0 * (exponent + 1.0))
+        return facet * cos_light * (factor / (jnp.exp2(-0.5 * exponent) + exponent))
 
     def specular_share(
         self, material: MaterialValues, cos_view: Float[Array, "..."]
@@ -112,14 +149,18 @@ def _luminance_share(material: MaterialValues) -> Float[Array, "..."]:
     return specular / jnp.maximum(specular + base, 1e-6)
 
 
-def _sum(
-    material: MaterialValues,
+def _colours(material: MaterialValues) -> Terms:
+    base, specular = material.base_colour, material.specular
+    return Terms(base, specular, jnp.zeros_like(specular))
+
+
+def _above(
     cos_view: Float[Array, "..."],
     cos_light: Float[Array, "..."],
     diffuse: Float[Array, "..."],
     specular: Float[Array, "..."],
-) -> Float[Array, "..."]:
-    """base x diffuse + specular x specular, where view and light are above the horizon."""
+) -> Terms:
+    """The two terms where view and light are above the horizon."""
     up = (cos_view > 0.0) & (cos_light > 0.0)
     diffuse, specular = jnp.where(up, diffuse, 0.0), jnp.where(up, specular, 0.0)
-    return material.base_colour * diffuse[..., None] + material.specular * specular[..., None]
+    return Terms(diffuse, specular, jnp.zeros_like(specular))

@@ -4,7 +4,6 @@ Embree traces each ray alone, so the answers do not depend on how rays are share
 A tracer works in the scene's centred coordinates (float32).
 """
 
-import os
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float32, Int32, Integer
 
 from jaxvis.compiled import compiled
+from jaxvis.cores import core_count
 
 BLOCK = 1 << 14
 """Rays per call of Embree: small enough to share evenly, large enough to hide the call."""
@@ -67,7 +67,7 @@ class RayTracer:
         triangles: Integer[np.ndarray, "triangles 3"],
         threads: int | None = None,
     ) -> None:
-        self.threads = _core_count() if threads is None else threads
+        self.threads = core_count() if threads is None else threads
         if self.threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
         self._lock = threading.Lock()
@@ -224,10 +224,6 @@ def _spread(answer, active, result):
 
 def _contiguous(array: Float[np.ndarray, "rays 3"]) -> Float32[np.ndarray, "rays 3"]:
     return np.ascontiguousarray(array, np.float32)
-
-
-def _core_count() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache

@@ -5,23 +5,29 @@ from jaxvis.sphere import (
     components,
     contours,
     frames,
+    gaussians,
     harmonics,
     hemisphere,
     latlong,
     octahedral,
     polygons,
+    visibility_integrals,
 )
+from jaxvis.sphere.gaussians import SphericalGaussians
 from jaxvis.sphere.summed_area import SummedAreaTable
 
 __all__ = [
+    "SphericalGaussians",
     "SummedAreaTable",
     "angles",
     "components",
     "contours",
     "frames",
+    "gaussians",
     "harmonics",
     "hemisphere",
     "latlong",
     "octahedral",
     "polygons",
+    "visibility_integrals",
 ]

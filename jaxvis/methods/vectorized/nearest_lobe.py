@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxvis.reflectance import CookTorrance, Lambert, MaterialValues, Phong, Reflectance
+from jaxvis.reflectance import CookTorrance, Lambert, MaterialValues, Mixed, Phong, Reflectance
 from jaxvis.reflectance.cook_torrance import (
     FAINTEST_SPECULAR,
     grazing_reflectance,
@@ -62,6 +62,13 @@ def specular_lobe(
     Raises:
         ValueError: an unknown kind of reflectance.
     """
+    if isinstance(reflectance, Mixed):
+        lobe = specular_lobe(reflectance.models[0], material, normal, view)
+        for model, here in reflectance.later_models(material):
+            other = specular_lobe(model, material, normal, view)
+            chosen = [here, here[..., None], here[..., None], here[..., None]]
+            lobe = SpecularLobe(*map(jnp.where, chosen, other, lobe))
+        return lobe
     cosine = dot(normal, view)
     up = (cosine > 0.0)[..., None]
     mirror = reflect(view, normal)

@@ -9,9 +9,10 @@ import pytest
 
 from jaxvis.lighting import windows
 from jaxvis.methods.vectorized.nearest_lobe import share_above_horizon, specular_lobe
-from jaxvis.reflectance import BlinnPhong, CookTorrance, Lambert, Phong
+from jaxvis.reflectance import BlinnPhong, CookTorrance, Lambert, Mixed, Phong
 from jaxvis.reflectance.model import Reflectance
 from jaxvis.sphere import latlong
+from jaxvis.sphere.frames import normalize
 from tests.reflectance.model_cases import NORMAL, jitted_evaluate, material, view_at
 
 PAPER = Phong(foreshortened=False)
@@ -126,8 +127,21 @@ def test_gradients_in_the_material(model):
 def test_refuses_models_that_it_does_not_know():
     @dataclass(frozen=True)
     class Strange(Reflectance):
-        evaluate_and_pdf = sample = None
+        evaluate_and_pdf = sample = terms = colours = None
 
     values = material([0.5] * 3, [0.5] * 3, 0.5)
     with pytest.raises(ValueError, match="Strange"):
         specular_lobe(Strange(), values, jnp.asarray(NORMAL), jnp.asarray(NORMAL))
+
+
+def test_a_mixture_has_the_lobe_of_each_points_model():
+    values = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), material([0.5] * 3, [0.3] * 3, 0.4))
+    values = replace(values, model=jnp.array([0, 1, 1]))
+    normal = jnp.tile(jnp.asarray(NORMAL), (3, 1))
+    view = normalize(normal + jnp.array([0.4, 0.1, 0.2]))
+    models = (BlinnPhong(), CookTorrance("beckmann"))
+    mixed = specular_lobe(Mixed(models), values, normal, view)
+    for point, model in ((0, models[0]), (1, models[1]), (2, models[1])):
+        alone = specular_lobe(model, values, normal, view)
+        for ours, theirs in zip(mixed, alone, strict=True):
+            np.testing.assert_allclose(ours[point], theirs[point], rtol=1e-6)
