@@ -2,6 +2,7 @@
 
 from jaxvis.lighting.builtin import BUILTIN, uniform, windows
 from jaxvis.lighting.environment import Environment
+from jaxvis.lighting.gaussians import GaussianFit, cell_gaussians, fit_gaussians
 from jaxvis.lighting.info import environment_info
 from jaxvis.lighting.layouts import LAYOUTS
 from jaxvis.lighting.load import load_environment
@@ -11,7 +12,10 @@ __all__ = [
     "BUILTIN",
     "LAYOUTS",
     "Environment",
+    "GaussianFit",
+    "cell_gaussians",
     "environment_info",
+    "fit_gaussians",
     "load_environment",
     "sky",
     "uniform",
