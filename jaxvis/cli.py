@@ -90,6 +90,10 @@ def _render(options: argparse.Namespace) -> int:
     from jaxvis.image import write_image
     from jaxvis.methods import create
 
+    if options.frames is not None:
+        return _render_frames(options)
+    if options.frame_step != 1:
+        raise ValueError("--frame-step needs --frames, as in --frames 0:60")
     with output_folder(options.out) as folder:
         method = create(options.method, spp=options.spp)
         setting = _setting(options, *_scene_and_camera(options))
@@ -97,6 +101,36 @@ def _render(options: argparse.Namespace) -> int:
         names = [f"{file_stem(options.method)}{suffix}" for suffix in (".exr", ".png")]
         for name, pixels in zip(names, (picture.radiance, picture.shown), strict=True):
             write_image(folder / name, pixels)
+    for name in names:
+        print(Path(options.out) / name)
+    return 0
+
+
+def _render_frames(options: argparse.Namespace) -> int:
+    from jaxvis.compare import file_stem, frame_range, output_folder, render_frames
+    from jaxvis.methods import create
+    from jaxvis.scene import load_animation
+
+    # Wrong ranges and names show before a scene is loaded.
+    frames = frame_range(options.frames, options.frame_step)
+    method = create(options.method, spp=options.spp)
+    with output_folder(options.out) as folder:
+        animation = load_animation(options.scene, two_sided=options.two_sided)
+        names = render_frames(
+            method,
+            animation,
+            frames,
+            folder,
+            file_stem(options.method),
+            options.environment,
+            options.size,
+            camera=_camera(options, animation.base),
+            reflectance=options.reflectance,
+            supersampling=options.supersampling,
+            rotate=math.radians(options.rotate),
+            seed=options.seed,
+            exposure=options.exposure,
+        )
     for name in names:
         print(Path(options.out) / name)
     return 0
@@ -170,11 +204,18 @@ def _methods(options: argparse.Namespace) -> int:
 
 def _scene_and_camera(options: argparse.Namespace) -> tuple["Scene", "Camera | None"]:
     """The scene, and a camera if any option asks for another than the scene's."""
+    from jaxvis.scene import load_scene
+
+    scene = load_scene(options.scene, two_sided=options.two_sided)
+    return scene, _camera(options, scene)
+
+
+def _camera(options: argparse.Namespace, scene: "Scene") -> "Camera | None":
+    """A camera if any option asks for another than the scene's."""
     from jaxvis.compare import checked_size, read_camera
-    from jaxvis.scene import default_camera, load_scene
+    from jaxvis.scene import default_camera
 
     camera = None if options.camera is None else read_camera(options.camera)
-    scene = load_scene(options.scene, two_sided=options.two_sided)
     changes: dict[str, Any] = {}
     for name in ("eye", "target"):
         if getattr(options, name) is not None:
@@ -185,7 +226,7 @@ def _scene_and_camera(options: argparse.Namespace) -> tuple["Scene", "Camera | N
         width, height = checked_size(options.size)
         base = camera or scene.camera or default_camera(scene, aspect=width / height)
         camera = replace(base, **changes)
-    return scene, camera
+    return camera
 
 
 def _setting(options: argparse.Namespace, scene: "Scene", camera: "Camera | None") -> "Setting":
@@ -241,6 +282,15 @@ def _parser() -> argparse.ArgumentParser:
     _common_options(compare)
     render = _command(commands, "render", _render, "one method: DIR/METHOD.exr and .png")
     render.add_argument("method", metavar="METHOD")
+    render.add_argument(
+        "--frames",
+        metavar="A:B",
+        help="frames A to B - 1 of a scene that moves: DIR/METHOD_0000.png and so on, and all of "
+        "them as DIR/METHOD.webp",
+    )
+    render.add_argument(
+        "--frame-step", type=int, default=1, metavar="N", help="every Nth of them (default 1)"
+    )
     _common_options(render)
     precompute = _command(
         commands, "precompute", _precompute, "a method's visibility: DIR/METHOD.npz"

@@ -71,6 +71,39 @@ def test_render(capsys, tmp_path):
     assert read_image(tmp_path / "mc-mis-spp-1.png").shape == (12, 16, 3)
 
 
+def test_render_frames(capsys, tmp_path):
+    command = ["render", "mc-mis:spp=1", "--scene", "balls:detail=16", "--environment", "uniform"]
+    command += ["--size", "16", "12", "--out", str(tmp_path / "out")]
+    assert cli.main([*command, "--frames", "2:7", "--frame-step", "3"]) == 0
+    names = ["mc-mis-spp-1_0002.png", "mc-mis-spp-1_0005.png", "mc-mis-spp-1.webp"]
+    assert capsys.readouterr().out.split() == [str(tmp_path / "out" / name) for name in names]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
+    assert read_image(tmp_path / "out" / names[1]).shape == (12, 16, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--frames", "7"], "frames must be A:B"),
+        (["--frames", "5:5"], "frames '5:5' are none"),
+        (["--frames", "0:9", "--frame-step", "0"], "frame step must be at least 1"),
+        (["--frames", "0:9999"], "scene 'balls' has frames 0 to 239, got 9998"),
+        (["--frames", "0:9", "--scene", "plane"], "scene 'plane' does not move"),
+        (["--frames", "0:9", "--scene", "balls:frame=1"], "leave out frame="),
+        (["--frame-step", "2"], "--frame-step needs --frames"),
+    ],
+)
+def test_render_refuses_frames_in_one_line(capsys, tmp_path, options, message):
+    out = tmp_path / "none"
+    command = ["render", "mc-mis:spp=1", "--scene", "balls:detail=16", "--out", str(out)]
+    assert cli.main([*command, *options]) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("jaxvis: ")
+    assert errors.count("\n") == 1
+    assert message in errors
+    assert not out.exists()
+
+
 def test_precompute_writes_what_load_reads(tmp_path):
     from jaxvis.methods.traced import RayVisibility
 

@@ -5,6 +5,7 @@ import types
 from typing import Any
 
 from jaxvis.compare.compilation import use_compilation_cache
+from jaxvis.compare.frames import frame_range, render_frames
 from jaxvis.compare.measurement import Yardstick, measure
 from jaxvis.compare.render import Picture, render
 from jaxvis.compare.result import Comparison, composite, file_stem, output_folder
@@ -21,11 +22,13 @@ __all__ = [
     "compare",
     "composite",
     "file_stem",
+    "frame_range",
     "measure",
     "output_folder",
     "prepare",
     "read_camera",
     "render",
+    "render_frames",
     "use_compilation_cache",
 ]
 

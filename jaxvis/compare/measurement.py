@@ -65,7 +65,9 @@ def measure(
         ValueError: the method refuses the scene, or returns radiance that is not finite.
     """
     tell("precompute")
-    visibility, precompute_s = _timed(lambda: method.precompute(setting.scene, progress=progress))
+    visibility, precompute_s = _timed(
+        lambda: method.precompute_for(setting.scene, setting.surface, progress=progress)
+    )
     tell("light")
     light, first_light_s = _timed(lambda: method.light(setting.environment))
     light, light_s = _timed(lambda: method.light(setting.environment))

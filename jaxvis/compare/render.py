@@ -52,7 +52,7 @@ def render(
     start = time.perf_counter()
     with tqdm(total=3, leave=False, disable=not progress) as bar:
         bar.set_description("precompute")
-        visibility = method.precompute(setting.scene, progress=progress)
+        visibility = method.precompute_for(setting.scene, setting.surface, progress=progress)
         bar.update()
         bar.set_description("light")
         light = jax.block_until_ready(method.light(setting.environment))

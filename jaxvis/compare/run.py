@@ -218,7 +218,7 @@ def _reference(
 
     def render() -> dict[str, Any]:
         start = time.perf_counter()
-        visibility = method.precompute(setting.scene, progress=progress)
+        visibility = method.precompute_for(setting.scene, setting.surface, progress=progress)
         light = method.light(setting.environment)
         rays_before = rays_traced(visibility)
         error, evaluations = math.nan, method.evaluations(visibility, light, setting.surface)

@@ -26,6 +26,17 @@ class Method(ABC):
     def precompute(self, scene: Scene, progress: bool = True) -> Any:
         """What the method stores of the scene's visibility. Host; may trace rays."""
 
+    def precompute_for(
+        self, scene: Scene, surface: Surface, previous: Any = None, progress: bool = True
+    ) -> Any:
+        """:meth:`precompute` for one view: methods that sample visibility anew for every frame
+        store no more than the surface shows.
+
+        ``previous`` is what this gave for the frame before of an animation (the same triangles
+        with other vertex positions), from which such methods carry over what still holds.
+        """
+        return self.precompute(scene, progress)
+
     @abstractmethod
     def light(self, environment: Environment) -> Any:
         """What the method stores of the light. Jitted."""

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxvis import datasets, specs
-from jaxvis.scene.builtin import builtin_scene, builtin_scenes
+from jaxvis.scene.animation import Animation, still
+from jaxvis.scene.builtin import ANIMATIONS, builtin_animation, builtin_scene, builtin_scenes
 from jaxvis.scene.files import load_mesh_file
 from jaxvis.scene.scene import Scene
 from jaxvis.scene.terrain import load_height_field
@@ -30,6 +31,33 @@ def load_scene(source: str | os.PathLike, *, two_sided: bool | None = None) -> S
     scene = _load(source)
     if two_sided is None:
         return scene
+    return _sided(scene, two_sided)
+
+
+def load_animation(source: str | os.PathLike, *, two_sided: bool | None = None) -> Animation:
+    """Loads all frames of a scene; a scene that does not move has one.
+
+    Args:
+        source: as for :func:`load_scene`, without the parameter ``frame``.
+        two_sided: makes all materials two-sided, or none; as the file says if None.
+
+    Raises:
+        FileNotFoundError, ValueError, InvalidScene: as :func:`load_scene` does; or ``source`` asks
+            for a single frame.
+    """
+    if not isinstance(source, str) or specs.name_of(source) not in ANIMATIONS:
+        return still(load_scene(source, two_sided=two_sided))
+    texts = specs.parameters_of(source, "scene")
+    if "frame" in texts:
+        raise ValueError(f"scene {source!r} is a single frame; leave out frame= to get them all")
+    values = {key: _value(text) for key, text in texts.items()}
+    animation = builtin_animation(specs.name_of(source), **values)
+    if two_sided is None:
+        return animation
+    return replace(animation, base=_sided(animation.base, two_sided))
+
+
+def _sided(scene: Scene, two_sided: bool) -> Scene:
     return scene.with_materials(tuple(replace(m, two_sided=two_sided) for m in scene.materials))
 
 

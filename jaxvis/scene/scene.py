@@ -5,11 +5,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float, Float32, Float64, Int32
 
 from jaxvis.cache import content_hash
+from jaxvis.errors import InvalidScene
 from jaxvis.reflectance import Lambert, Material, Reflectance
 from jaxvis.scene.camera import Camera
+from jaxvis.scene.normals import area_vectors
 from jaxvis.scene.rays import RayTracer
 
 
@@ -54,6 +56,45 @@ class Scene:
     def with_camera(self, camera: Camera | None) -> "Scene":
         """The same scene with another view of its own."""
         return self._with(camera=camera)
+
+    def with_positions(
+        self,
+        positions: Float[np.ndarray, "vertices 3"],
+        normals: Float[np.ndarray, "vertices 3"],
+    ) -> "Scene":
+        """The same triangles with their vertices elsewhere: another frame of an animation.
+
+        Vertices, triangles and materials keep their numbers; the origin stays.
+
+        Args:
+            positions: centred as ``Scene.positions`` are: world coordinates less ``origin``.
+            normals: unit, on the front.
+
+        Raises:
+            InvalidScene: other shapes, values that are not finite, normals that are not unit, or a
+                triangle without area.
+        """
+        moved = {"positions": positions, "normals": normals}
+        for what, values in moved.items():
+            array = np.array(values, np.float32)
+            if array.shape != self.positions.shape:
+                raise InvalidScene(
+                    f"{self.name}: {what} must be {list(self.positions.shape)} as before, "
+                    f"got {list(array.shape)}"
+                )
+            if not np.isfinite(array).all():
+                raise InvalidScene(f"{self.name}: {what} are NaN or infinite; mend the pose")
+            array.setflags(write=False)
+            moved[what] = array
+        lengths = np.linalg.norm(moved["normals"], axis=-1)
+        if not np.allclose(lengths, 1.0, atol=1e-3):
+            raise InvalidScene(f"{self.name}: normals must be unit vectors")
+        flat = ~area_vectors(moved["positions"][self.triangles]).any(axis=-1)
+        if flat.any():
+            raise InvalidScene(
+                f"{self.name}: {int(flat.sum())} triangles have no area; mend the pose"
+            )
+        return replace(self, **moved)
 
     def _with(self, **changes: Any) -> "Scene":
         changed = replace(self, **changes)
