@@ -12,9 +12,12 @@ if TYPE_CHECKING:
     from jaxvis.errors import InvalidEnvironment, InvalidScene, JaxvisWarning
     from jaxvis.lighting import Environment, load_environment
     from jaxvis.methods import (
+        AdaptiveVisibility,
+        DistanceField,
         Method,
         MonteCarlo,
         Reference,
+        ShadowMaps,
         Unculled,
         VectorizedVisibility,
         VisibilityCorrespondence,
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
         Surface,
         build_scene,
         default_camera,
+        load_animation,
         load_scene,
         trace_surface,
     )
@@ -51,9 +55,12 @@ _HOMES = {
     "JaxvisWarning": "errors",
     "Environment": "lighting",
     "load_environment": "lighting",
+    "AdaptiveVisibility": "methods",
+    "DistanceField": "methods",
     "Method": "methods",
     "MonteCarlo": "methods",
     "Reference": "methods",
+    "ShadowMaps": "methods",
     "Unculled": "methods",
     "VectorizedVisibility": "methods",
     "VisibilityCorrespondence": "methods",
@@ -65,12 +72,15 @@ _HOMES = {
     "Surface": "scene",
     "build_scene": "scene",
     "default_camera": "scene",
+    "load_animation": "scene",
     "load_scene": "scene",
     "trace_surface": "scene",
 }
 
 __all__ = [
+    "AdaptiveVisibility",
     "Camera",
+    "DistanceField",
     "Environment",
     "InvalidEnvironment",
     "InvalidScene",
@@ -80,6 +90,7 @@ __all__ = [
     "MonteCarlo",
     "Reference",
     "Scene",
+    "ShadowMaps",
     "Surface",
     "Unculled",
     "VectorizedVisibility",
@@ -91,6 +102,7 @@ __all__ = [
     "default_camera",
     "image",
     "lighting",
+    "load_animation",
     "load_environment",
     "load_scene",
     "methods",

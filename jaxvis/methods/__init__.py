@@ -1,6 +1,7 @@
 """The methods, by name (DESIGN §1)."""
 
 from jaxvis.methods.base import Method
+from jaxvis.methods.distance_field import AdaptiveVisibility, DistanceField, ShadowMaps
 from jaxvis.methods.monte_carlo import MonteCarlo
 from jaxvis.methods.reference import Reference
 from jaxvis.methods.registry import (
@@ -49,6 +50,25 @@ register(
     summary="vectorized visibility with spherical-Voronoi correspondence: one evaluation for three",
 )
 register(
+    "distance-field",
+    DistanceField,
+    family="distance-field",
+    summary="spherical signed distance functions at every vertex, light as spherical Gaussians",
+)
+register(
+    "adaptive",
+    AdaptiveVisibility,
+    family="distance-field",
+    summary="distance functions at adaptively placed samples, carried from frame to frame",
+    representative=True,
+)
+register(
+    "shadow-map",
+    ShadowMaps,
+    family="distance-field",
+    summary="adaptive with visibility maps drawn into hemicubes instead of traced",
+)
+register(
     "visibility-field",
     VisibilityField,
     family="visibility-field",
@@ -63,10 +83,13 @@ register(
 )
 
 __all__ = [
+    "AdaptiveVisibility",
+    "DistanceField",
     "Entry",
     "Method",
     "MonteCarlo",
     "Reference",
+    "ShadowMaps",
     "Unculled",
     "VectorizedVisibility",
     "VisibilityCorrespondence",

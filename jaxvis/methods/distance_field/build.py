@@ -1,0 +1,355 @@
+"""From a scene to distance fields: at every vertex, or at adaptively placed samples (host)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float16, Float32, Int
+from tqdm.auto import tqdm
+
+from jaxvis.cache import cached_arrays
+from jaxvis.methods.backs import behind_surfaces
+from jaxvis.methods.distance_field.adapt import neighbours, plan
+from jaxvis.methods.distance_field.coefficients import map_coefficients
+from jaxvis.methods.distance_field.field import ARRAYS, KIND, DistanceFields, packed
+from jaxvis.methods.distance_field.initial import initial_samples
+from jaxvis.methods.distance_field.maps import Known, Traced, Views, adaptive_maps
+from jaxvis.methods.distance_field.neighbours import (
+    Interpolation,
+    Places,
+    nearest_samples,
+    weights,
+)
+from jaxvis.methods.distance_field.rasterize import rasterized_maps
+from jaxvis.methods.vertices import VertexSamples, vertex_samples
+from jaxvis.scene import Scene, Surface
+from jaxvis.sphere.distance_host import signed_distances
+from jaxvis.sphere.hemisphere_grid import texel_directions
+
+Fill = Literal["adaptive", "dense", "rasterized"]
+
+HINTS = 4
+"""Neighbours whose boundaries a sample looks at."""
+
+AT_ONCE = 1024
+"""Samples filled between two steps of the progress bar."""
+
+EVEN = 5.0
+"""alpha by which vertices that lie behind surfaces find others, where every vertex is sampled."""
+
+
+class Angular(NamedTuple):
+    """How maps are filled."""
+
+    resolution: int
+    fill: Fill
+    coarsest: int = 16
+
+
+class Spatial(NamedTuple):
+    """How samples are placed (paper 002, sections 4.1 and 4.3): see ``AdaptiveVisibility``."""
+
+    alpha: float
+    initial: float
+    largest: float
+    least: float
+    rounds: int
+    budget: float
+    near: int
+    interpolation: Interpolation
+
+
+class Vertices(NamedTuple):
+    """All vertices as places for samples."""
+
+    scene: Scene
+    samples: VertexSamples
+    frames: Float32[np.ndarray, "vertices 3 3"]
+
+    @staticmethod
+    def of(scene: Scene) -> "Vertices":
+        placed = vertex_samples(scene, largest_dip=0.0)
+        return Vertices(scene, placed, frames_of(placed.normals))
+
+    def views(self, chosen: Int[np.ndarray, "chosen"]) -> Views:
+        """Where some of them are looked from."""
+        return Views(self.samples.origins[chosen], self.frames[chosen])
+
+    def places(self, alpha: float) -> Places:
+        """All of them, in lengths of the scene's diagonal over alpha."""
+        return Places.of(self.samples.positions, self.samples.normals, alpha / self.scene.diagonal)
+
+
+def frames_of(normals: Float[np.ndarray, "places 3"]) -> Float32[np.ndarray, "places 3 3"]:
+    """Rows tangent, bitangent and normal, those of :func:`jaxvis.sphere.frames.frame`."""
+    x, y, z = normals.astype(np.float64).T
+    sign = np.where(z >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    tangent = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    bitangent = np.stack([b, sign + y * y * a, -y], axis=-1)
+    return np.stack([tangent, bitangent, normals], axis=1).astype(np.float32)
+
+
+def in_view(vertices: Vertices, surface: Surface | None) -> Bool[np.ndarray, "vertices"]:
+    """Vertices of the triangles that pixels see, on the side seen; all without a surface."""
+    count = len(vertices.samples.positions)
+    if surface is None:
+        return np.ones(count, bool)
+    mask = np.asarray(surface.mask).reshape(-1)
+    triangle = np.asarray(surface.triangle).reshape(-1)[mask]
+    normal = np.asarray(surface.geometric_normal).reshape(-1, 3)[mask]
+    front = vertices.scene.geometric_normals.take(triangle, axis=0)
+    behind = np.einsum("pc,pc->p", front, normal) < 0.0
+    shown = np.zeros(count, bool)
+    shown[vertices.samples.triangles[triangle[~behind]].reshape(-1)] = True
+    if len(vertices.samples.backs):
+        shown[vertices.samples.backs[triangle[behind]].reshape(-1)] = True
+    return shown
+
+
+def buried(vertices: Vertices, chosen: Int[np.ndarray, "chosen"]) -> Bool[np.ndarray, "chosen"]:
+    """Which of some vertices lie behind surfaces, where maps say nothing of what pixels see."""
+    scene = vertices.scene
+    one_sided = np.array([not m.two_sided for m in scene.materials])[scene.material_ids]
+    if not one_sided.any():
+        return np.zeros(len(chosen), bool)
+    local = texel_directions(8).reshape(-1, 3)
+    found = [np.zeros(0, bool)]
+    for start in range(0, len(chosen), 4096):
+        views = vertices.views(chosen[start : start + 4096])
+        rays = np.einsum("ka,sac->skc", local, views.frames)
+        origins = np.repeat(views.origins, len(local), axis=0)
+        hits = scene.tracer.closest_hit(origins, rays.reshape(-1, 3))
+        found.append(behind_surfaces(rays, hits, scene.geometric_normals, one_sided))
+    return np.concatenate(found)
+
+
+@dataclass(eq=False)
+class Sampling:
+    """Samples with their maps while they are placed. Numbers are those of vertices."""
+
+    vertices: Vertices
+    angular: Angular
+    ids: Int[np.ndarray, "samples"]
+    maps: Bool[np.ndarray, "samples n n"]
+    coefficients: Float32[np.ndarray, "samples 16"]
+    distances: Float16[np.ndarray, "known n n"]
+    """Of the first samples, which others made; the rest are transformed in the end."""
+    rays: int = 0
+
+    @staticmethod
+    def none(vertices: Vertices, angular: Angular) -> "Sampling":
+        size = angular.resolution
+        return Sampling(
+            vertices,
+            angular,
+            np.zeros(0, np.int32),
+            np.zeros((0, size, size), bool),
+            np.zeros((0, 16), np.float32),
+            np.zeros((0, size, size), np.float16),
+        )
+
+    def adopt(
+        self,
+        ids: Int[np.ndarray, "adopted"],
+        maps: Bool[np.ndarray, "adopted n n"],
+        distances: Float16[np.ndarray, "adopted n n"],
+    ) -> None:
+        """Takes samples over as they are, before any other."""
+        if len(self.ids):
+            raise ValueError("samples are taken over before others are added")
+        self.ids, self.maps, self.distances = ids, maps, distances
+        self.coefficients = map_coefficients(maps, self.vertices.frames[ids])
+
+    def add(
+        self,
+        ids: Int[np.ndarray, "added"],
+        places: Places | None = None,
+        known: Known | None = None,
+        progress: bool = False,
+    ) -> None:
+        """Fills the maps of more vertices, which may look at one another for hints."""
+        maps, coefficients = [self.maps], [self.coefficients]
+        with tqdm(total=len(ids), desc="maps", unit="sample", disable=not progress) as bar:
+            for start in range(0, len(ids), AT_ONCE):
+                part = slice(start, start + AT_ONCE)
+                old = known and Known(known.maps[part], known.stale[part])
+                traced = fill_maps(self.vertices, self.angular, ids[part], places, old)
+                maps.append(traced.maps)
+                frames = self.vertices.frames[ids[part]]
+                coefficients.append(map_coefficients(traced.maps, frames))
+                self.rays += traced.rays
+                bar.update(len(ids[part]))
+        self.ids = np.concatenate([self.ids, ids.astype(np.int32)])
+        self.maps = np.concatenate(maps)
+        self.coefficients = np.concatenate(coefficients)
+
+    def keep(self, kept: Bool[np.ndarray, "samples"]) -> None:
+        """Drops the other samples."""
+        self.distances = self.distances[kept[: len(self.distances)]]
+        self.ids, self.maps = self.ids[kept], self.maps[kept]
+        self.coefficients = self.coefficients[kept]
+
+
+def fill_maps(
+    vertices: Vertices,
+    angular: Angular,
+    ids: Int[np.ndarray, "samples"],
+    places: Places | None,
+    known: Known | None = None,
+) -> Traced:
+    """The maps of some vertices."""
+    scene, views = vertices.scene, vertices.views(ids)
+    if angular.fill == "rasterized":
+        maps = rasterized_maps(scene, views.origins, views.frames, angular.resolution)
+        return Traced(maps, 0)
+    if angular.fill == "dense":
+        size = angular.resolution
+        return adaptive_maps(scene.tracer, views, size, size, known=known)
+    hints = None
+    if places is not None and len(ids) > 1:
+        own = places.take(ids)
+        hints = nearest_samples(own, own, HINTS + 1).samples[:, 1:]
+    return adaptive_maps(
+        scene.tracer,
+        views,
+        angular.resolution,
+        angular.coarsest,
+        neighbours=hints,
+        known=known,
+    )
+
+
+def sample_every_vertex(
+    scene: Scene,
+    angular: Angular,
+    *,
+    progress: bool = False,
+) -> DistanceFields:
+    """Samples at all vertices; those that lie behind surfaces take the distances of others."""
+    vertices = Vertices.of(scene)
+    candidates = np.arange(len(vertices.samples.positions))
+    hidden = buried(vertices, candidates)
+    places = vertices.places(EVEN)
+    sampling = Sampling.none(vertices, angular)
+    sampling.add(candidates[~hidden], places, progress=progress)
+    near = 4 if hidden.any() else 1
+    return distance_fields(sampling, places, candidates, near=near, interpolation="inverse")
+
+
+def place_samples(
+    scene: Scene,
+    angular: Angular,
+    spatial: Spatial,
+    surface: Surface | None = None,
+    *,
+    progress: bool = False,
+) -> DistanceFields:
+    """Samples where they are needed: initial ones, then rounds of insertion and erasure."""
+    vertices = Vertices.of(scene)
+    places = vertices.places(spatial.alpha)
+    candidates = np.flatnonzero(in_view(vertices, surface))
+    budget = sample_budget(spatial, len(vertices.samples.positions))
+    sampling = Sampling.none(vertices, angular)
+    if len(candidates):
+        first = max(round(spatial.initial * budget), 1)
+        start = candidates[initial_samples(places.take(candidates), first)]
+        start = start[~buried(vertices, start)]
+        sampling.add(start, places, progress=progress)
+    adapt(sampling, places, candidates, spatial, budget, progress=progress)
+    return distance_fields(
+        sampling, places, candidates, near=spatial.near, interpolation=spatial.interpolation
+    )
+
+
+def sample_budget(spatial: Spatial, vertices: int) -> int:
+    """Most samples, at least a handful."""
+    return max(int(spatial.budget * vertices), 16)
+
+
+def adapt(
+    sampling: Sampling,
+    places: Places,
+    candidates: Int[np.ndarray, "candidates"],
+    spatial: Spatial,
+    budget: int,
+    *,
+    rounds: int | None = None,
+    progress: bool = False,
+) -> None:
+    """Rounds of insertion and erasure until nothing changes, the budget is spent or rounds end."""
+    allowed = np.zeros(len(places.positions), bool)
+    allowed[candidates] = True
+    rejected = np.zeros(len(places.positions), bool)
+    for _ in range(spatial.rounds if rounds is None else rounds):
+        if len(sampling.ids) < 2:
+            return
+        near = neighbours(places.take(sampling.ids))
+        change = plan(
+            places,
+            sampling.ids,
+            sampling.coefficients,
+            near,
+            largest=spatial.largest,
+            least=spatial.least,
+            interpolation=spatial.interpolation,
+        )
+        insert = change.insert[allowed[change.insert] & ~rejected[change.insert]]
+        sampling.keep(~change.erase)
+        insert = insert[: max(budget - len(sampling.ids), 0)]
+        hidden = buried(sampling.vertices, insert)
+        rejected[insert[hidden]] = True
+        insert = insert[~hidden]
+        if not len(insert):
+            return
+        sampling.add(insert, places, progress=progress)
+
+
+def distance_fields(
+    sampling: Sampling,
+    places: Places,
+    candidates: Int[np.ndarray, "candidates"],
+    *,
+    near: int,
+    interpolation: Interpolation,
+) -> DistanceFields:
+    """Distances at the samples, and the weights of vertices."""
+    vertices, count = sampling.vertices, len(places.positions)
+    own, at = places.take(sampling.ids), places.take(candidates)
+    found = nearest_samples(own, at, near)
+    share = weights(own, at, found, interpolation)
+    all_near = np.zeros((count, near), np.int32)
+    all_near[candidates] = np.maximum(found.samples, 0)
+    all_weights = np.zeros((count, near), np.float32)
+    all_weights[candidates] = share
+    placed = vertices.samples
+    known = len(sampling.distances)
+    distances = signed_distances(sampling.maps[known:])
+    return DistanceFields(
+        signed_distance=np.concatenate([sampling.distances, distances]) if known else distances,
+        frames=vertices.frames[sampling.ids],
+        bits=packed(sampling.maps),
+        samples=sampling.ids,
+        near=all_near,
+        weights=all_weights,
+        positions=placed.positions,
+        normals=placed.normals,
+        triangles=placed.triangles,
+        backs=placed.backs,
+        rays_traced=sampling.rays,
+    )
+
+
+def cached_fields(key: str, build: Callable[[], DistanceFields]) -> DistanceFields:
+    """The fields cached under a key, or those of ``build``, stored for the next time."""
+
+    def arrays() -> dict[str, np.ndarray]:
+        made = build()
+        rays = np.array(made.rays_traced)
+        return {name: np.asarray(getattr(made, name)) for name in ARRAYS} | {"rays": rays}
+
+    found, _ = cached_arrays(KIND, key, arrays)
+    rays = int(found.pop("rays"))
+    return DistanceFields(**found, rays_traced=rays)  # type: ignore
