@@ -10,7 +10,9 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float32, Float64
+from jaxtyping import Array, Float, Float32, Float64, Int
+
+from jaxvis.sphere.angles import turns
 
 
 @functools.lru_cache(maxsize=8)
@@ -34,9 +36,40 @@ def texel_solid_angles(resolution: int) -> Float64[np.ndarray, "rows"]:
     return np.pi / resolution * -np.diff(edges)
 
 
-def coordinates(
-    x: Float[Array, "*points"], y: Float[Array, "*points"], z: Float[Array, "*points"]
-) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """(theta, phi) of local unit directions of the upper hemisphere, in radians."""
-    theta = jnp.arctan2(jnp.sqrt(jnp.maximum(y * y + z * z, 1e-30)), x)
-    return theta, jnp.arctan2(z, y)
+def distance_at(
+    signed_distance: Float[Array, "maps n n"],
+    which: Int[Array, "*#points"],
+    x: Float[Array, "*#points"],
+    y: Float[Array, "*#points"],
+    z: Float[Array, "*#points"],
+) -> Float[Array, "*points"]:
+    """Signed distances of some maps along local unit directions, radians.
+
+    Bilinear between texel centres. Below the horizon: the distance at the nearest point of the
+    horizon less the angle to it, so that what is below counts as occluded, gradually.
+
+    Args:
+        signed_distance: maps on this grid (paper 002, eq. 4), in any precision.
+        which: the map that each direction is looked up in.
+        x, y, z: the directions' components.
+    """
+    size = signed_distance.shape[-1]
+    below, above = jnp.clip(-z, 0.0, 1.0), jnp.maximum(z, 0.0)
+    # theta from the pole on the horizon and phi about it; on and below the horizon phi is 0 or pi.
+    theta = 2.0 * size * turns(jnp.sqrt(jnp.maximum(y * y + above * above, 1e-12)), x) - 0.5
+    phi = 2.0 * size * turns(above, y) - 0.5
+    row = jnp.clip(theta, 0.0, size - 1.0)
+    column = jnp.clip(phi, 0.0, size - 1.0)
+    # Not the last one, so that there is a texel beyond; the weights do the rest.
+    i = jnp.clip(row.astype(jnp.int32), 0, max(size - 2, 0))
+    j = jnp.clip(column.astype(jnp.int32), 0, max(size - 2, 0))
+    s, t = row - i, column - j
+    flat, start = signed_distance.reshape(-1), (which * size + i) * size + j
+
+    def texel(offset: int) -> Array:
+        return jnp.take(flat, start + offset, mode="clip").astype(jnp.float32)
+
+    upper = texel(0) + t * (texel(1) - texel(0))
+    lower = texel(size) + t * (texel(size + 1) - texel(size))
+    depth = 2.0 * jnp.pi * turns(below, jnp.sqrt(jnp.maximum(1.0 - below * below, 1e-12)))
+    return upper + s * (lower - upper) - depth

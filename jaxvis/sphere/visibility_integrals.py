@@ -29,27 +29,9 @@ _LAGRANGE = np.linalg.inv(np.vander(_NODES, increasing=True)).T
 def distance_at(
     signed_distance: Float[Array, "n n"], directions: Float[Array, "*points 3"]
 ) -> Float[Array, "*points"]:
-    """The map interpolated bilinearly at local unit directions.
-
-    A direction below the horizon gets the distance at the nearest point of the horizon less its
-    depth: what is below counts as occluded, gradually.
-    """
+    """The map along local unit directions (:func:`jaxvis.sphere.hemisphere_grid.distance_at`)."""
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
-    below = z < 0.0
-    theta, phi = hemisphere_grid.coordinates(x, y, jnp.where(below, 0.0, z))
-    size = signed_distance.shape[0]
-    row, column = (jnp.clip(a * (size / jnp.pi) - 0.5, 0.0, size - 1.0) for a in (theta, phi))
-    i, j = (jnp.clip(jnp.floor(a).astype(jnp.int32), 0, max(size - 2, 0)) for a in (row, column))
-    down, across = row - i, column - j
-    flat = signed_distance.reshape(-1)
-
-    def at(i: Array, j: Array) -> Float[Array, "*points"]:
-        return jnp.take(flat, jnp.minimum(i, size - 1) * size + jnp.minimum(j, size - 1))
-
-    top = (1.0 - across) * at(i, j) + across * at(i, j + 1)
-    bottom = (1.0 - across) * at(i + 1, j) + across * at(i + 1, j + 1)
-    depth = jnp.arcsin(jnp.clip(jnp.where(below, -z, 0.0), 0.0, 1.0 - 1e-6))
-    return (1.0 - down) * top + down * bottom - depth
+    return hemisphere_grid.distance_at(signed_distance[None], jnp.zeros(x.shape, int), x, y, z)
 
 
 def half_space_integral(

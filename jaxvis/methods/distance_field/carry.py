@@ -145,9 +145,7 @@ def stale_texels(
     views = vertices.views(ids)
     # A texel's corners are at most this far from its centre: two sides of pi / side at most.
     margin = 0.75 * np.pi / side
-    _mark_stale(
-        views.origins, views.frames, texel_directions(side), *balls, margin, turned, stale
-    )
+    _mark_stale(views.origins, views.frames, texel_directions(side), *balls, margin, turned, stale)
     return stale
 
 

@@ -54,16 +54,11 @@ def _table(side: int) -> Float32[np.ndarray, "texels 16"]:
 def _to_world(
     local: Float[Array, "samples 16"], frames: Float[Array, "samples 3 3"]
 ) -> Float[Array, "samples 16"]:
-    """Turns coefficients: the same function's values in a few directions tell the new ones."""
-    directions, inverse = _few()
+    """Turns coefficients: projects the local function's values in a few directions, turned."""
+    directions, measure = _few()
     world = jnp.einsum("ka,sac->skc", directions, frames)
-    # A function that is f(w) in world directions is f(F^T u) in local ones: its coefficients are
-    # those of its values where the basis, looked up along the turned directions, is inverted.
     values = jnp.einsum("kb,sb->sk", harmonics.evaluate(jnp.asarray(directions), BANDS), local)
-    turned = harmonics.evaluate(world, BANDS)
-    # Least squares over the directions, whose normal matrix is the same for all turns of a design
-    # that integrates products of the basis exactly.
-    return jnp.einsum("skb,k,sk->sb", turned, inverse, values)
+    return jnp.einsum("skb,k,sk->sb", harmonics.evaluate(world, BANDS), measure, values)
 
 
 @functools.lru_cache(maxsize=1)

@@ -89,7 +89,7 @@ class DistanceFields:
 
 def packed(maps: Bool[np.ndarray, "samples n n"]) -> UInt8[np.ndarray, "samples bytes"]:
     """Eight texels a byte."""
-    return np.packbits(maps.reshape(len(maps), -1), axis=-1)
+    return np.packbits(maps.reshape(len(maps), maps.shape[1] * maps.shape[2]), axis=-1)
 
 
 def unpacked(
