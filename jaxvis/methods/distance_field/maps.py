@@ -2,8 +2,8 @@
 
 Host. A map starts at ``coarsest`` texels along each side, all traced, and doubles until it has
 ``resolution``: the children of texels beside which the other class begins are traced, the others
-inherit. Texels where neighbouring samples see a boundary are traced too, so that what is slim and
-falls between the first rays is found if any neighbour finds it.
+inherit. Texels where neighbouring samples see a boundary are refined too, unless the sample knows of
+one beside them: what is slim and falls between the first rays is found if any neighbour finds it.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -19,8 +19,12 @@ from jaxvis.sphere.hemisphere_grid import texel_directions
 SAMPLES_PER_JOB = 32
 """Samples whose rays a thread lists and traces at once: half a million at the most."""
 
+
 HINTED = 32
 """Finest level at which neighbours' boundaries are looked at: beyond, own boundaries are known."""
+
+BESIDE = 2
+"""Texels within which an own boundary makes a hint unnecessary."""
 
 
 class Views(NamedTuple):
@@ -206,6 +210,17 @@ def _mark_boundaries(values, marked):
 
 
 @compiled
+def _any_beside(own, row, column):
+    """Whether a texel within :data:`BESIDE` is marked."""
+    side = own.shape[0]
+    for i in range(max(row - BESIDE, 0), min(row + BESIDE + 1, side)):
+        for j in range(max(column - BESIDE, 0), min(column + BESIDE + 1, side)):
+            if own[i, j]:
+                return True
+    return False
+
+
+@compiled
 def _mark_hints(own, frames, neighbours, first, local, marked):
     """Texels at which neighbours, that look the same way, have a boundary texel."""
     side = marked.shape[1]
@@ -233,6 +248,8 @@ def _mark_hints(own, frames, neighbours, first, local, marked):
                         y = turn[1, 0] * u[0] + turn[1, 1] * u[1] + turn[1, 2] * u[2]
                         i = int(scale * np.arccos(min(max(x, -1.0), 1.0)))
                         j = int(scale * np.arctan2(z, y))
-                        marked[sample, min(i, side - 1), min(j, side - 1)] = True
-                        found += 1
+                        i, j = min(i, side - 1), min(j, side - 1)
+                        if not _any_beside(own[first + sample], i, j):
+                            marked[sample, i, j] = True
+                            found += 1
     return found
