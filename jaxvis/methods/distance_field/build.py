@@ -22,8 +22,9 @@ from jaxvis.methods.distance_field.neighbours import (
     weights,
 )
 from jaxvis.methods.distance_field.rasterize import rasterized_maps
+from jaxvis.methods.touching import cleared_origins
 from jaxvis.methods.vertices import VertexSamples, vertex_samples
-from jaxvis.scene import Scene, Surface
+from jaxvis.scene import Hits, Scene, Surface
 from jaxvis.sphere.distance_host import signed_distances
 from jaxvis.sphere.hemisphere_grid import texel_directions
 
@@ -110,20 +111,33 @@ def in_view(vertices: Vertices, surface: Surface | None) -> Bool[np.ndarray, "ve
 
 
 def buried(vertices: Vertices, chosen: Int[np.ndarray, "chosen"]) -> Bool[np.ndarray, "chosen"]:
-    """Which of some vertices lie behind surfaces, where maps say nothing of what pixels see."""
-    scene = vertices.scene
+    """Which of some vertices lie behind surfaces, where maps say nothing of what pixels see.
+
+    Before, the rays' origins at those that lie in other surfaces are moved to their fronts.
+    """
+    scene, origins = vertices.scene, vertices.samples.origins
     one_sided = np.array([not m.two_sided for m in scene.materials])[scene.material_ids]
     if not one_sided.any():
         return np.zeros(len(chosen), bool)
-    local = texel_directions(8).reshape(-1, 3)
     found = [np.zeros(0, bool)]
     for start in range(0, len(chosen), 4096):
-        views = vertices.views(chosen[start : start + 4096])
-        rays = np.einsum("ka,sac->skc", local, views.frames)
-        origins = np.repeat(views.origins, len(local), axis=0)
-        hits = scene.tracer.closest_hit(origins, rays.reshape(-1, 3))
-        found.append(behind_surfaces(rays, hits, scene.geometric_normals, one_sided))
+        part = chosen[start : start + 4096]
+        positions, upright = vertices.samples.positions[part], vertices.samples.normals[part]
+        surfaces = scene.geometric_normals, one_sided
+        rays, hits = _look_around(vertices, part)
+        origins[part] = cleared_origins(positions, origins[part], upright, rays, hits, *surfaces)
+        found.append(behind_surfaces(*_look_around(vertices, part), *surfaces))
     return np.concatenate(found)
+
+
+def _look_around(
+    vertices: Vertices, chosen: Int[np.ndarray, "chosen"]
+) -> tuple[Float32[np.ndarray, "chosen rays 3"], Hits]:
+    """A few rays from some vertices, and what they meet."""
+    views, local = vertices.views(chosen), texel_directions(8).reshape(-1, 3)
+    rays = np.einsum("ka,sac->skc", local, views.frames)
+    origins = np.repeat(views.origins, len(local), axis=0)
+    return rays, vertices.scene.tracer.closest_hit(origins, rays.reshape(-1, 3))
 
 
 @dataclass(eq=False)

@@ -36,7 +36,7 @@ CLUSTERS = 32
 COARSE = 32
 """Texels along each side among which directions are found that may have changed."""
 
-REACH = 2.5
+REACH = 5.0
 """A place is without samples if its nearest is farther than this many median distances."""
 
 
@@ -161,7 +161,7 @@ def _fill_gaps(
     if len(sampling.ids):
         own = places.take(sampling.ids)
         error = nearest_samples(own, places.take(candidates), 1).error[:, 0]
-        missing = error > REACH * max(float(np.median(error)), 1e-6) * 2.0
+        missing = error > REACH * max(float(np.median(error)), 1e-6)
     gap = candidates[missing]
     room = budget - len(sampling.ids)
     share = spatial.initial * spatial.budget

@@ -2,8 +2,9 @@
 
 Host. A map starts at ``coarsest`` texels along each side, all traced, and doubles until it has
 ``resolution``: the children of texels beside which the other class begins are traced, the others
-inherit. Texels where neighbouring samples see a boundary are refined too, unless the sample knows of
-one beside them: what is slim and falls between the first rays is found if any neighbour finds it.
+inherit. Texels where neighbouring samples see a boundary are refined too, unless the sample knows
+of one beside them: what is slim and falls between the first rays is found if any neighbour finds
+it.
 """
 
 from concurrent.futures import ThreadPoolExecutor

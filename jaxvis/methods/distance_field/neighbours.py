@@ -107,7 +107,8 @@ def weights(
     """How much each of the nearest samples counts at a place; they add up to 1.
 
     ``"inverse"`` is the paper's: in proportion to 1 / e_g (eq. 8). ``"linear"`` adds what makes
-    functions that are linear over the tangent plane exact (a moving least squares fit, with weights
+    functions that are linear over the tangent plane nearly exact (a moving least squares fit, held
+    back where samples stand in a line, with weights
     1 / e_g^2 that fall to 0 at the last sample, so that nothing jumps where the set changes);
     weights may then be negative. A place on a sample has that sample's value. Samples whose normals
     are more than 60 degrees away do not count if enough others are near.

@@ -281,11 +281,14 @@ def _widened(
     square = jnp.square(material.microfacet_width)[:, None]
     square = square + 0.5 / (jnp.maximum(cosines.facing, 0.1) * sharpness)
     roughness = jnp.sqrt(jnp.sqrt(jnp.minimum(square, 1.0)))
+    colour = (*roughness.shape, 3)
     return MaterialValues(
-        material.base_colour[:, None],
-        material.specular[:, None],
+        jnp.broadcast_to(material.base_colour[:, None], colour),
+        jnp.broadcast_to(material.specular[:, None], colour),
         roughness,
-        None if material.model is None else material.model[:, None],
+        None
+        if material.model is None
+        else jnp.broadcast_to(material.model[:, None], roughness.shape),
     )
 
 

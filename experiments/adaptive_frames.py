@@ -1,0 +1,156 @@
+"""Adaptive visibility from frame to frame: what carrying samples over costs and saves, and table 1.
+
+Used by :mod:`experiments.adaptive_table`.
+"""
+
+import argparse
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+
+from experiments.adaptive_runs import Moving, Row, placed, resident_megabytes, seconds_of, stopwatch
+from jaxvis.image import relative_rmse
+from jaxvis.methods.distance_field import AdaptiveVisibility, build
+from jaxvis.scene.animation import moved_vertices
+
+PAPER_SAMPLE_BYTES = 34 * 1024
+"""As the paper counts at 128 x 128: 2 KB of map and 32 KB of distances."""
+
+PAPER_TABLE_1 = {
+    "hat": (1282, 47, 95, 28, 5.9),
+    "balls": (1824, 56, 183, 40, 3.6),
+    "walker": (3527, 53, 557, 77, 1.5),
+}
+"""Samples, t_I, t_V and t_S in milliseconds, and frames a second on a GTX 680 at 640 x 480."""
+
+
+def frames_rows(
+    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+) -> Iterator[Row]:
+    """Samples carried from frame to frame; every so often a frame beside one placed anew.
+
+    Memory is what the process holds after the frame, before anything is placed anew.
+    """
+    light = method.light(view.environment)
+    fields = placed(method, view.at(options.frame))
+    last = options.frame
+    kept: Row = {"s": [], "shade s": [], "M rays": []}
+    for frame in range(options.frame + 1, options.frame + options.frames + 1):
+        frame %= view.animation.frames
+        setting, before = view.at(frame), fields
+        fields, seconds = seconds_of(
+            lambda s=setting, p=before: method.precompute_for(s.scene, s.surface, p, progress=False)
+        )
+        image, shade_s = seconds_of(lambda s=setting, f=fields: method.shade(f, light, s.surface))
+        kept["s"].append(seconds)
+        kept["shade s"].append(shade_s)
+        kept["M rays"].append(fields.rays_traced / 1e6)
+        number = len(kept["s"])
+        if number % options.every and number != options.frames:
+            last = frame
+            continue
+        moved = 100.0 * float(np.mean(view.animation.moved(last, frame)))
+        last, memory = frame, resident_megabytes()
+        fresh, fresh_s = seconds_of(lambda s=setting: placed(method, s))
+        other = method.shade(fresh, light, setting.surface)
+        yield {
+            "scene": view.name,
+            "frame": frame,
+            "moved %": moved,
+            "samples": len(fields.samples),
+            "anew": len(fresh.samples),
+            **{f"carried {name}": float(np.median(values)) for name, values in kept.items()},
+            "anew s": fresh_s,
+            "anew M rays": fresh.rays_traced / 1e6,
+            "rays %": 100.0 * fields.rays_traced / max(fresh.rays_traced, 1),
+            "images differ %": 100.0 * relative_rmse(image, other, setting.covered),
+            "MB held": memory,
+        }
+
+
+def part_rows(
+    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+) -> Iterator[Row]:
+    """The next frame if nothing, each of a few parts, or everything moves."""
+    first = options.frame
+    second = (first + 1) % view.animation.frames
+    before = placed(method, view.at(first))
+    moving = view.animation.moved(first, second)
+    share = np.bincount(view.animation.parts[moving], minlength=view.animation.parts.max() + 1)
+    most = [int(p) for p in np.argsort(-share, kind="stable") if share[p]][: options.parts]
+    cases = {"nothing": view.with_part(-1, first, second)}
+    cases |= {f"part {p}": view.with_part(p, first, second) for p in most}
+    cases["all"] = view.animation.scene(second)
+    here = view.animation.scene(first)
+    for name, scene in cases.items():
+        setting = view.of(scene)
+        fields, seconds = seconds_of(
+            lambda s=setting: method.precompute_for(s.scene, s.surface, before, progress=False),
+            options.repeats,
+        )
+        moved = moved_vertices(here, scene)
+        yield {
+            "scene": view.name,
+            "what moves": name,
+            "moved %": 100.0 * float(np.mean(moved)),
+            "M rays": fields.rays_traced / 1e6,
+            "rays % of placing": 100.0 * fields.rays_traced / max(before.rays_traced, 1),
+            "s": seconds,
+            "samples": len(fields.samples),
+        }
+
+
+def table_1_rows(
+    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+) -> Iterator[Row]:
+    """Means over a few frames, carried over and placed anew; the scene itself is not timed.
+
+    t_V is the maps, t_S the distances, t_I the shading; "other" is where samples go and what they
+    weigh. "MB by the paper" counts 34 KiB a sample, without the tree of triangles.
+    """
+    light = method.light(view.environment)
+    before = placed(method, view.at(options.frame))
+    first = view.at(options.frame)
+    jax.block_until_ready(method.shade(before, light, first.surface))
+    totals: dict[str, list[Row]] = {"carried": [], "anew": []}
+    for frame in range(options.frame + 1, options.frame + options.mean + 1):
+        setting = view.at(frame % view.animation.frames)
+        for name, previous in (("carried", before), ("anew", None)):
+            with stopwatch(build, "fill_maps", "signed_distances") as spent:
+                fields, seconds = seconds_of(
+                    lambda s=setting, p=previous: method.precompute_for(
+                        s.scene, s.surface, p, progress=False
+                    )
+                )
+            method.shade(fields, light, setting.surface)  # compiles, where lengths are new
+            _, shade_s = seconds_of(lambda s=setting, f=fields: method.shade(f, light, s.surface))
+            maps_s, distances_s = spent["fill_maps"], spent["signed_distances"]
+            totals[name].append(
+                {
+                    "pixels": int(setting.covered.sum()),
+                    "vertices": len(fields.positions),
+                    "samples": len(fields.samples),
+                    "MB": fields.nbytes / 1e6,
+                    "MB by the paper": len(fields.samples) * PAPER_SAMPLE_BYTES / 1e6,
+                    "t_I ms": 1e3 * shade_s,
+                    "t_V ms": 1e3 * maps_s,
+                    "t_S ms": 1e3 * distances_s,
+                    "other ms": 1e3 * (seconds - maps_s - distances_s),
+                    "frame s": seconds + shade_s,
+                }
+            )
+            if name == "carried":
+                carried = fields
+        before = carried
+    for name, rows in totals.items():
+        mean = {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+        yield {"scene": view.name, "samples were": name, **mean, "FPS": 1.0 / mean["frame s"]}
+    paper = PAPER_TABLE_1.get(view.name)
+    if paper:
+        names = ("samples", "t_I ms", "t_V ms", "t_S ms", "FPS")
+        yield {
+            "scene": view.name,
+            "samples were": "paper's",
+            **dict(zip(names, paper, strict=True)),
+        }
