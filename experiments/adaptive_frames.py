@@ -10,9 +10,12 @@ import jax
 import numpy as np
 
 from experiments.adaptive_runs import Moving, Row, placed, resident_megabytes, seconds_of, stopwatch
+from jaxvis.compare.setting import Setting
 from jaxvis.image import relative_rmse
 from jaxvis.methods.distance_field import AdaptiveVisibility, build
+from jaxvis.methods.distance_field.field import DistanceFields
 from jaxvis.scene.animation import moved_vertices
+from jaxvis.sphere.gaussians import SphericalGaussians
 
 PAPER_SAMPLE_BYTES = 34 * 1024
 """As the paper counts at 128 x 128: 2 KB of map and 32 KB of distances."""
@@ -30,7 +33,8 @@ def frames_rows(
 ) -> Iterator[Row]:
     """Samples carried from frame to frame; every so often a frame beside one placed anew.
 
-    Memory is what the process holds after the frame, before anything is placed anew.
+    Memory is what the process holds after the frame. With ``--carried-only`` nothing is placed
+    anew, so that it is that of the animation alone; programs for new lengths are compiled at first.
     """
     light = method.light(view.environment)
     fields = placed(method, view.at(options.frame))
@@ -51,22 +55,35 @@ def frames_rows(
             last = frame
             continue
         moved = 100.0 * float(np.mean(view.animation.moved(last, frame)))
-        last, memory = frame, resident_megabytes()
-        fresh, fresh_s = seconds_of(lambda s=setting: placed(method, s))
-        other = method.shade(fresh, light, setting.surface)
-        yield {
+        last = frame
+        row = {
             "scene": view.name,
             "frame": frame,
             "moved %": moved,
             "samples": len(fields.samples),
-            "anew": len(fresh.samples),
             **{f"carried {name}": float(np.median(values)) for name, values in kept.items()},
-            "anew s": fresh_s,
-            "anew M rays": fresh.rays_traced / 1e6,
-            "rays %": 100.0 * fields.rays_traced / max(fresh.rays_traced, 1),
-            "images differ %": 100.0 * relative_rmse(image, other, setting.covered),
-            "MB held": memory,
+            "MB held": resident_megabytes(),
         }
+        yield row if options.carried_only else row | _beside(method, light, setting, fields, image)
+
+
+def _beside(
+    method: AdaptiveVisibility,
+    light: SphericalGaussians,
+    setting: Setting,
+    fields: DistanceFields,
+    image: jax.Array,
+) -> Row:
+    """Samples that were carried over beside ones placed anew."""
+    fresh, seconds = seconds_of(lambda: placed(method, setting))
+    other = method.shade(fresh, light, setting.surface)
+    return {
+        "anew": len(fresh.samples),
+        "anew s": seconds,
+        "anew M rays": fresh.rays_traced / 1e6,
+        "rays %": 100.0 * fields.rays_traced / max(fresh.rays_traced, 1),
+        "images differ %": 100.0 * relative_rmse(image, other, setting.covered),
+    }
 
 
 def part_rows(

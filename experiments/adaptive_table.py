@@ -289,6 +289,7 @@ def options_of_command_line(arguments: Sequence[str] | None = None) -> argparse.
     add("--maps", type=int, default=500, help="that --what resolution fills, about")
     add("--frames", type=int, default=8, help="carried over; the issue's number is 60")
     add("--every", type=int, default=10, help="frames to a row of --what frames")
+    add("--carried-only", action="store_true", help="no frames placed anew, to look at memory")
     add("--parts", type=int, default=3, help="that move alone, the largest")
     add("--mean", type=int, default=4, help="frames that table 1 averages")
     add("--out", help="folder for pictures and pages of --what equal")

@@ -260,6 +260,21 @@ def test_frames(view, method):
     assert sum(row["moved %"] for row in alone) == pytest.approx(everything["moved %"])
 
 
+def test_frames_alone(view, method, monkeypatch):
+    options = options_of("--frames", "3", "--every", "2", "--carried-only")
+    first = method.precompute_for(view.at(FRAME).scene, view.at(FRAME).surface, progress=False)
+    started = []
+    monkeypatch.setattr(
+        "experiments.adaptive_frames.placed", lambda *_: started.append(first) or first
+    )
+    rows = list(PARTS["frames"][0][1](view, method, options))
+    assert [row["frame"] for row in rows] == [FRAME + 2, FRAME + 3]
+    assert len(started) == 1
+    for row in rows:
+        assert row["MB held"] > 0.0
+        assert "anew s" not in row
+
+
 def test_table_1(view, method):
     (rows,) = rows_of("table1", view, method, "--mean", "2")
     assert [row["samples were"] for row in rows] == ["carried", "anew", "paper's"]

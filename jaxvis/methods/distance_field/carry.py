@@ -88,7 +88,8 @@ def carry_over(
     sampling.add(again[kept], places, Known(maps[changed][kept], redone))
     budget = sample_budget(spatial, len(places.positions))
     _fill_gaps(sampling, places, candidates, spatial, budget)
-    adapt(sampling, places, candidates, spatial, budget, rounds=1)
+    if changed.any():
+        adapt(sampling, places, candidates, spatial, budget, rounds=1)
     return distance_fields(
         sampling, places, candidates, near=spatial.near, interpolation=spatial.interpolation
     )

@@ -2,10 +2,8 @@
 
 import functools
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32
 
 from jaxvis.sphere import harmonics
 from jaxvis.sphere.hemisphere_grid import texel_directions, texel_solid_angles
@@ -24,7 +22,7 @@ def map_coefficients(
     maps: Bool[np.ndarray, "samples n n"], frames: Float[np.ndarray, "samples 3 3"]
 ) -> Float32[np.ndarray, "samples 16"]:
     """Coefficients of the maps as functions of world directions, 0 below the horizon."""
-    return np.asarray(_to_world(jnp.asarray(_local(maps)), jnp.asarray(frames)))
+    return _to_world(_local(maps), frames)
 
 
 def _local(maps: Bool[np.ndarray, "samples n n"]) -> Float32[np.ndarray, "samples 16"]:
@@ -50,15 +48,22 @@ def _table(side: int) -> Float32[np.ndarray, "texels 16"]:
     )
 
 
-@jax.jit
 def _to_world(
-    local: Float[Array, "samples 16"], frames: Float[Array, "samples 3 3"]
-) -> Float[Array, "samples 16"]:
-    """Turns coefficients: projects the local function's values in a few directions, turned."""
+    local: Float32[np.ndarray, "samples 16"], frames: Float[np.ndarray, "samples 3 3"]
+) -> Float32[np.ndarray, "samples 16"]:
+    """Turns coefficients: projects the local function's values in a few directions, turned.
+
+    In NumPy: the number of samples changes from frame to frame, and JAX would compile for each.
+    """
     directions, measure = _few()
-    world = jnp.einsum("ka,sac->skc", directions, frames)
-    values = jnp.einsum("kb,sb->sk", harmonics.evaluate(jnp.asarray(directions), BANDS), local)
-    return jnp.einsum("skb,k,sk->sb", harmonics.evaluate(world, BANDS), measure, values)
+    values = local @ _basis(directions).T
+    turned = _basis(np.einsum("ka,sac->skc", directions, frames))
+    return np.einsum("skb,sk->sb", turned, values * measure).astype(np.float32)
+
+
+def _basis(directions: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 16"]:
+    x, y, z = np.moveaxis(directions, -1, 0)
+    return np.stack(harmonics.basis(x, y, z, BANDS), axis=-1)
 
 
 @functools.lru_cache(maxsize=1)

@@ -24,7 +24,7 @@ SAMPLES_PER_JOB = 32
 HINTED = 32
 """Finest level at which neighbours' boundaries are looked at: beyond, own boundaries are known."""
 
-BESIDE = 2
+BESIDE = 1
 """Texels within which an own boundary makes a hint unnecessary."""
 
 

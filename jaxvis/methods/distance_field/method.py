@@ -50,7 +50,7 @@ class DistanceField(Method):
     """
 
     resolution: int = 128
-    lights: int = 256
+    lights: int = 512
     lobes: Lobes = "cells"
     fill: Rays = "dense"
     coarsest: int = 16

@@ -62,8 +62,8 @@ class View:
     near: Int[Array, "in_view near"]
     weights: Float[Array, "in_view near"]
     fragments: Fragments
-    pixel: np.ndarray
-    """The index of each fragment in the flat image; those after them are padding."""
+    pixel: Int[Array, "pixels"]
+    """The index of each fragment in the flat image; beyond it for those that are padding."""
 
 
 class Samples(NamedTuple):
@@ -115,7 +115,7 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
         jnp.asarray(_padded(np.asarray(fields.near)[vertex], rows)),
         jnp.asarray(_padded(weights, rows)),
         fragments,
-        pixel,
+        jnp.asarray(np.pad(pixel, (0, count - len(pixel)), constant_values=surface.mask.size)),
     )
 
 
@@ -145,7 +145,7 @@ def shade_view(
     )
     radiance = _in_threads(lambda part: shade(part, lobes), view.fragments, (lobes, samples))
     flat = jnp.zeros((surface.mask.size, 3), jnp.float32)
-    flat = flat.at[view.pixel].set(radiance[: len(view.pixel)])
+    flat = flat.at[view.pixel].set(radiance, mode="drop")
     return surface.to_image(flat.reshape(*surface.mask.shape, 3))
 
 
