@@ -1,5 +1,6 @@
 """Phong's and Blinn's models, normalised."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -22,8 +23,40 @@ from jaxvis.sphere.components import join
 from jaxvis.sphere.frames import dot, reflect, to_world
 
 
+class _CosinePower(GlossyReflectance):
+    """base / pi, and a power of some cosine times a specular colour."""
+
+    @abstractmethod
+    def _cosine(self, cosines: Cosines) -> Float[Array, "..."]:
+        """The cosine whose power the specular lobe is."""
+
+    @abstractmethod
+    def _specular(
+        self,
+        lobe: Float[Array, "..."],
+        cos_light: Float[Array, "..."],
+        exponent: Float[Array, "..."],
+    ) -> Float[Array, "..."]:
+        """The specular term of a lobe that is normalised about its own axis."""
+
+    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
+        lobe = phong.pdf_lobe(self._cosine(cosines), material.exponent)
+        specular = self._specular(lobe, cosines.light, material.exponent)
+        return _above(cosines.view, cosines.light, hemisphere.pdf_cosine(cosines.light), specular)
+
+    def colours(self, material: MaterialValues) -> Terms:
+        base, specular = material.base_colour, material.specular
+        return Terms(base, specular, jnp.zeros_like(specular))
+
+    def specular_share(
+        self, material: MaterialValues, cos_view: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
+        specular, base = luminance(material.specular), luminance(material.base_colour)
+        return specular / jnp.maximum(specular + base, 1e-6)
+
+
 @dataclass(frozen=True)
-class Phong(GlossyReflectance):
+class Phong(_CosinePower):
     """base / pi + specular (a + 2) / 2 pi max(r.l, 0)^a, a = exponent, r the view's mirror image.
 
     Reciprocal, and reflects at most base + specular of the light (Lafortune and Willems 1994,
@@ -51,14 +84,8 @@ class Phong(GlossyReflectance):
         value = coloured(self.colours(material), terms)
         return value, mix(self.specular_share(material, cos_view), lobe, diffuse)
 
-    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
-        lobe = phong.pdf_lobe(cosines.mirror, material.exponent)
-        specular = self._specular(lobe, cosines.light, material.exponent)
-        diffuse = hemisphere.pdf_cosine(cosines.light)
-        return _above(cosines.view, cosines.light, diffuse, specular)
-
-    def colours(self, material: MaterialValues) -> Terms:
-        return _colours(material)
+    def _cosine(self, cosines: Cosines) -> Float[Array, "..."]:
+        return cosines.mirror
 
     def _specular(
         self,
@@ -69,11 +96,6 @@ class Phong(GlossyReflectance):
         if not self.foreshortened:
             return lobe
         return lobe * cos_light * ((exponent + 2.0) / (exponent + 1.0))
-
-    def specular_share(
-        self, material: MaterialValues, cos_view: Float[Array, "..."]
-    ) -> Float[Array, "..."]:
-        return _luminance_share(material)
 
     def sample_specular(
         self,
@@ -86,7 +108,7 @@ class Phong(GlossyReflectance):
 
 
 @dataclass(frozen=True)
-class BlinnPhong(GlossyReflectance):
+class BlinnPhong(_CosinePower):
     """base / pi + specular (a + 2) (a + 4) / (8 pi (2^(-a/2) + a)) max(n.h, 0)^a, a = exponent.
 
     The factor makes a lobe of specular colour 1 reflect all of the light that comes along the
@@ -112,28 +134,17 @@ class BlinnPhong(GlossyReflectance):
         lobe = facet / (4.0 * facing)
         return value, mix(self.specular_share(material, cos_view), lobe, diffuse)
 
-    def terms(self, material: MaterialValues, cosines: Cosines) -> Terms:
-        facet = phong.pdf_lobe(cosines.facet, material.exponent)
-        specular = self._specular(facet, cosines.light, material.exponent)
-        diffuse = hemisphere.pdf_cosine(cosines.light)
-        return _above(cosines.view, cosines.light, diffuse, specular)
-
-    def colours(self, material: MaterialValues) -> Terms:
-        return _colours(material)
+    def _cosine(self, cosines: Cosines) -> Float[Array, "..."]:
+        return cosines.facet
 
     def _specular(
         self,
-        facet: Float[Array, "..."],
+        lobe: Float[Array, "..."],
         cos_light: Float[Array, "..."],
         exponent: Float[Array, "..."],
     ) -> Float[Array, "..."]:
         factor = (exponent + 2.0) * (exponent + 4.0) / (4.0 * (exponent + 1.0))
-        return facet * cos_light * (factor / (jnp.exp2(-0.5 * exponent) + exponent))
-
-    def specular_share(
-        self, material: MaterialValues, cos_view: Float[Array, "..."]
-    ) -> Float[Array, "..."]:
-        return _luminance_share(material)
+        return lobe * cos_light * (factor / (jnp.exp2(-0.5 * exponent) + exponent))
 
     def sample_specular(
         self,
@@ -142,16 +153,6 @@ class BlinnPhong(GlossyReflectance):
         uniforms: Float[Array, "*points 2"],
     ) -> Float[Array, "*points 3"]:
         return reflect(view, phong.sample_lobe(uniforms, material.exponent))
-
-
-def _luminance_share(material: MaterialValues) -> Float[Array, "..."]:
-    specular, base = luminance(material.specular), luminance(material.base_colour)
-    return specular / jnp.maximum(specular + base, 1e-6)
-
-
-def _colours(material: MaterialValues) -> Terms:
-    base, specular = material.base_colour, material.specular
-    return Terms(base, specular, jnp.zeros_like(specular))
 
 
 def _above(

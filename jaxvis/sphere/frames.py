@@ -1,7 +1,8 @@
 """Vectors and local frames. Local coordinates have the normal along +z."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Float32
 
 
 def dot(a: Float[Array, "*#points 3"], b: Float[Array, "*#points 3"]) -> Float[Array, "*points"]:
@@ -31,6 +32,17 @@ def frame(
     tangent = jnp.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
     bitangent = jnp.stack([b, sign + y * y * a, -y], axis=-1)
     return tangent, bitangent
+
+
+def frames_on_host(normals: Float[np.ndarray, "points 3"]) -> Float32[np.ndarray, "points 3 3"]:
+    """Rows tangent, bitangent and normal: those of :func:`frame`, in NumPy."""
+    x, y, z = normals.astype(np.float64).T
+    sign = np.where(z >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    tangent = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    bitangent = np.stack([b, sign + y * y * a, -y], axis=-1)
+    return np.stack([tangent, bitangent, normals], axis=1).astype(np.float32)
 
 
 def to_world(

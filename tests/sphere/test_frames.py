@@ -22,6 +22,14 @@ def directions(count=500):
     return jnp.asarray(np.concatenate([random, axes, almost_down, equator]), jnp.float32)
 
 
+def test_frames_on_the_host_are_those_of_the_array_code():
+    normals = np.asarray(directions())
+    tangent, bitangent = frame(jnp.asarray(normals))
+    expected = np.stack([tangent, bitangent, normals], axis=1)
+    found = frames.frames_on_host(normals)
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
 def test_dot_is_the_scalar_product():
     a = directions()
     b = jnp.roll(a, 1, axis=0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float16, Float32, Int
+from jaxtyping import Bool, Float16, Float32, Int
 from tqdm.auto import tqdm
 
 from jaxvis.cache import cached_arrays
@@ -26,6 +26,7 @@ from jaxvis.methods.touching import cleared_origins
 from jaxvis.methods.vertices import VertexSamples, vertex_samples
 from jaxvis.scene import Hits, Scene, Surface
 from jaxvis.sphere.distance_host import signed_distances
+from jaxvis.sphere.frames import frames_on_host
 from jaxvis.sphere.hemisphere_grid import texel_directions
 
 Fill = Literal["adaptive", "dense", "rasterized"]
@@ -71,7 +72,7 @@ class Vertices(NamedTuple):
     @staticmethod
     def of(scene: Scene) -> "Vertices":
         placed = vertex_samples(scene, largest_dip=0.0)
-        return Vertices(scene, placed, frames_of(placed.normals))
+        return Vertices(scene, placed, frames_on_host(placed.normals))
 
     def views(self, chosen: Int[np.ndarray, "chosen"]) -> Views:
         """Where some of them are looked from."""
@@ -80,17 +81,6 @@ class Vertices(NamedTuple):
     def places(self, alpha: float) -> Places:
         """All of them, in lengths of the scene's diagonal over alpha."""
         return Places.of(self.samples.positions, self.samples.normals, alpha / self.scene.diagonal)
-
-
-def frames_of(normals: Float[np.ndarray, "places 3"]) -> Float32[np.ndarray, "places 3 3"]:
-    """Rows tangent, bitangent and normal, those of :func:`jaxvis.sphere.frames.frame`."""
-    x, y, z = normals.astype(np.float64).T
-    sign = np.where(z >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    tangent = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    bitangent = np.stack([b, sign + y * y * a, -y], axis=-1)
-    return np.stack([tangent, bitangent, normals], axis=1).astype(np.float32)
 
 
 def in_view(vertices: Vertices, surface: Surface | None) -> Bool[np.ndarray, "vertices"]:
@@ -365,5 +355,4 @@ def cached_fields(key: str, build: Callable[[], DistanceFields]) -> DistanceFiel
         return {name: np.asarray(getattr(made, name)) for name in ARRAYS} | {"rays": rays}
 
     found, _ = cached_arrays(KIND, key, arrays)
-    rays = int(found.pop("rays"))
-    return DistanceFields(**found, rays_traced=rays)  # type: ignore
+    return DistanceFields(**{k: found[k] for k in ARRAYS}, rays_traced=int(found["rays"]))

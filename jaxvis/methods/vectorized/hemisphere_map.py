@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from jaxvis.scene import Hits, RayTracer
+from jaxvis.sphere.frames import frames_on_host
 
 
 class Samples(NamedTuple):
@@ -38,18 +39,11 @@ class Samples(NamedTuple):
         normal = normals.astype(np.float64)
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         normal = np.where(length > 0.0, normal, [0.0, 1.0, 0.0]) / np.where(length > 0, length, 1)
-        x, y, z = normal.T
-        sign = np.where(z >= 0.0, 1.0, -1.0)  # Duff et al. 2017, as in jaxvis.sphere.frames
-        a = -1.0 / (sign + z)
-        b = x * y * a
-        tangent = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-        bitangent = np.stack([b, sign + y * y * a, -y], axis=-1)
-        frames = np.stack([tangent, bitangent, normal], axis=1).astype(np.float32)
         return Samples(
             np.ascontiguousarray(positions, np.float32),
             np.ascontiguousarray(positions if origins is None else origins, np.float32),
-            frames,
-            np.broadcast_to(np.float32(dips), len(frames)),
+            frames_on_host(normal),
+            np.broadcast_to(np.float32(dips), len(normal)),
         )
 
     def take(self, chosen: slice) -> "Samples":

@@ -12,7 +12,6 @@ from jaxvis.methods.distance_field.build import (
     Angular,
     Spatial,
     Vertices,
-    frames_of,
     place_samples,
     sample_every_vertex,
 )
@@ -27,7 +26,6 @@ from jaxvis.methods.distance_field.maps import dense_maps
 from jaxvis.scene import trace_surface
 from jaxvis.scene.builtin import builtin_scene
 from jaxvis.sphere.distance_host import signed_distances
-from jaxvis.sphere.frames import frame
 
 ANGULAR = Angular(16, "adaptive", 8)
 SPATIAL = Spatial(5.0, 0.5, 0.10, 0.05, 1, 0.12, 8, "linear")
@@ -95,16 +93,6 @@ def test_fields_are_pytrees_whose_count_of_rays_is_static():
     fields = fields_of("box-on-plane")
     assert len(jax.tree.leaves(fields)) == len(ARRAYS)
     assert jax.tree.map(lambda leaf: leaf, fields).rays_traced == fields.rays_traced
-
-
-def test_frames_are_those_of_the_array_code():
-    normals = np.random.default_rng(0).normal(size=(200, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.concatenate([normals, np.eye(3), -np.eye(3)]).astype(np.float32)
-    found = frames_of(normals)
-    tangent, bitangent = frame(jnp.asarray(normals))
-    np.testing.assert_allclose(found, np.stack([tangent, bitangent, normals], 1), atol=2e-6)
-    np.testing.assert_allclose(np.linalg.det(found), 1.0, atol=1e-5)
 
 
 def test_each_vertex_that_is_not_buried_has_its_own_map():
