@@ -45,7 +45,7 @@ LARGEST = (0.20, 0.10, 0.05)
 COARSER = (64, 128)
 RESOLUTIONS = (64, 128, 256)
 FILLS = ("adaptive", "dense", "rasterized")
-LIGHTS = {"cells": 256, "fitted": 32}
+LIGHTS = {"cells": 512, "fitted": 32}
 FREE_BUDGET = 0.5
 """Share of vertices that may be samples where thresholds decide."""
 

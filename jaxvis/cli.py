@@ -21,6 +21,7 @@ from jaxvis.errors import JaxvisWarning
 
 if TYPE_CHECKING:
     from jaxvis.compare import Setting
+    from jaxvis.lighting import SphereLights
     from jaxvis.scene import Camera, Scene
 
 SCENE, ENVIRONMENT, SIZE, OUT = "teapot", "windows", (256, 192), "jaxvis-out"
@@ -70,6 +71,7 @@ def _compare(options: argparse.Namespace) -> int:
             reflectance=options.reflectance,
             supersampling=options.supersampling,
             rotate=math.radians(options.rotate),
+            spheres=_lamps(options),
             reference=options.reference,
             exposure=options.exposure,
             stop_on_error=options.debug,
@@ -128,6 +130,7 @@ def _render_frames(options: argparse.Namespace) -> int:
             reflectance=options.reflectance,
             supersampling=options.supersampling,
             rotate=math.radians(options.rotate),
+            spheres=_lamps(options),
             seed=options.seed,
             exposure=options.exposure,
         )
@@ -240,7 +243,17 @@ def _setting(options: argparse.Namespace, scene: "Scene", camera: "Camera | None
         reflectance=options.reflectance,
         supersampling=options.supersampling,
         rotate=math.radians(options.rotate),
+        spheres=_lamps(options),
     )
+
+
+def _lamps(options: argparse.Namespace) -> "SphereLights | None":
+    from jaxvis.lighting import SphereLights
+
+    if options.lamp is None:
+        return None
+    lamps = [(lamp[:3], lamp[3], lamp[4:] * 3) for lamp in options.lamp]
+    return SphereLights.of(*(list(column) for column in zip(*lamps, strict=True)))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -335,6 +348,8 @@ def _common_options(parser: argparse.ArgumentParser) -> None:
     add("--fov", "vertical field of view", type=float, metavar="DEGREES")
     add("--reflectance", "lambert, phong, blinn-phong, ggx or beckmann; by default the scene's")
     add("--rotate", "turns the environment about +Y", type=float, metavar="DEGREES", default=0.0)
+    lamp = {"nargs": 5, "type": float, "metavar": ("X", "Y", "Z", "RADIUS", "RADIANCE")}
+    add("--lamp", "a sphere that shines (world coordinates); repeatable", action="append", **lamp)
     add("--exposure", "of the .png images (default: automatic)", type=float)
     add(
         "--two-sided",

@@ -102,6 +102,9 @@ def test_info_says_that_a_light_is_unusable(kind, tmp_path, capsys):
         (["--exposure", "0"], "exposure"),
         (["--rotate", "inf"], "rotate"),
         (["--camera", "gone.json"], "gone.json"),
+        (["--lamp", "0", "1", "0", "0", "5"], "radius must be positive"),
+        (["--lamp", "0", "nan", "0", "1", "5"], "position must be finite"),
+        (["--lamp", "0", "1", "0", "1", "-5"], "radiance must be finite and >= 0"),
     ],
 )
 def test_bad_option(arguments, named, tmp_path, capsys):

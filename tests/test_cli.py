@@ -71,9 +71,51 @@ def test_render(capsys, tmp_path):
     assert read_image(tmp_path / "mc-mis-spp-1.png").shape == (12, 16, 3)
 
 
+LAMPS = ["--lamp", "0.4", "3", "-1", "0.2", "60", "--lamp", "-2", "2.5", "0.5", "0.1", "40"]
+
+
+def test_lamps_light_and_are_written_down(tmp_path):
+    command = [*COMPARE, "--methods", "mc-mis:spp=4,vectorized", *LAMPS, "--out", str(tmp_path)]
+    assert cli.main(command) == 1  # vectorized knows no lamps; the rest goes on
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["lamps"] == [
+        {"position": [0.4, 3.0, -1.0], "radius": 0.2, "radiance": [60.0] * 3},
+        {"position": [-2.0, 2.5, 0.5], "radius": 0.1, "radiance": [40.0] * 3},
+    ]
+    lit, refused = results["results"]
+    assert "error" not in lit
+    assert lit["psnr_db"] > 15.0
+    assert "no local lights" in refused["error"]
+    assert "use reference, mc-*," in refused["error"]
+    page = (tmp_path / "index.html").read_text()
+    assert "position -2, 2.5, 0.5, radius 0.1, radiance 40, 40, 40" in page
+
+
+def test_lamps_brighten_a_rendered_picture(tmp_path):
+    pictures = []
+    for options in ([], LAMPS):
+        command = ["render", "mc-mis:spp=4", *SMALL, *options, "--out", str(tmp_path)]
+        assert cli.main(command) == 0
+        pictures.append(read_image(tmp_path / "mc-mis-spp-4.exr"))
+    assert np.all(pictures[1] >= pictures[0])
+    assert pictures[1].mean() > 1.02 * pictures[0].mean()
+
+
+def test_methods_without_lamps_refuse_them_before_they_precompute(capsys, monkeypatch, tmp_path):
+    from jaxvis.methods import VectorizedVisibility
+
+    monkeypatch.setattr(VectorizedVisibility, "precompute", lambda *a, **k: pytest.fail("late"))
+    command = ["render", "vectorized", *SMALL, *LAMPS, "--out", str(tmp_path / "out")]
+    assert cli.main(command) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("jaxvis: VectorizedVisibility has no local lights")
+    assert errors.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_render_frames(capsys, tmp_path):
     command = ["render", "mc-mis:spp=1", "--scene", "balls:detail=16", "--environment", "uniform"]
-    command += ["--size", "16", "12", "--out", str(tmp_path / "out")]
+    command += ["--size", "16", "12", "--out", str(tmp_path / "out"), *LAMPS]
     assert cli.main([*command, "--frames", "2:7", "--frame-step", "3"]) == 0
     names = ["mc-mis-spp-1_0002.png", "mc-mis-spp-1_0005.png", "mc-mis-spp-1.webp"]
     assert capsys.readouterr().out.split() == [str(tmp_path / "out" / name) for name in names]

@@ -18,7 +18,7 @@ from jaxvis.compare.measurement import finite_image
 from jaxvis.compare.result import composite
 from jaxvis.compare.setting import checked_count, checked_exposure, prepare
 from jaxvis.image import exposure_of, write_image
-from jaxvis.lighting import Environment
+from jaxvis.lighting import Environment, SphereLights
 from jaxvis.methods import Method
 from jaxvis.reflectance import Reflectance
 from jaxvis.scene import Animation, Camera
@@ -55,6 +55,7 @@ def render_frames(
     reflectance: Reflectance | str | None = None,
     supersampling: int = 1,
     rotate: float = 0.0,
+    spheres: SphereLights | None = None,
     seed: int = 0,
     exposure: float | None = None,
     progress: bool = True,
@@ -71,8 +72,8 @@ def render_frames(
         frames: their numbers, evenly spaced.
         folder: where the files go; it exists.
         stem: of the files' names.
-        environment, size, camera, reflectance, supersampling, rotate: as for
-            :func:`jaxvis.compare.prepare`. The camera stands still.
+        environment, size, camera, reflectance, supersampling, rotate, spheres: as for
+            :func:`jaxvis.compare.prepare`. The camera and the lights stand still.
         seed: of what is random.
         exposure: of all frames; by default that of the first frame alone.
         progress: show a progress bar if standard error is a terminal.
@@ -95,6 +96,7 @@ def render_frames(
     visibility: Any = None
     light: Any = None
     options = {"camera": camera, "reflectance": reflectance, "supersampling": supersampling}
+    options |= {"spheres": spheres}
     bar = tqdm(frames, leave=False, disable=not (progress and sys.stderr.isatty()), unit="frame")
     for frame in bar:
         setting = prepare(animation.scene(frame), environment, size, rotate=rotate, **options)

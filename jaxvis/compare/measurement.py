@@ -64,13 +64,14 @@ def measure(
     Raises:
         ValueError: the method refuses the scene, or returns radiance that is not finite.
     """
+    # The light first: what a method cannot do with it shows before the time goes to visibility.
+    tell("light")
+    light, first_light_s = _timed(lambda: method.light(setting.environment))
+    light, light_s = _timed(lambda: method.light(setting.environment))
     tell("precompute")
     visibility, precompute_s = _timed(
         lambda: method.precompute_for(setting.scene, setting.surface, progress=progress)
     )
-    tell("light")
-    light, first_light_s = _timed(lambda: method.light(setting.environment))
-    light, light_s = _timed(lambda: method.light(setting.environment))
 
     def shade(progress: bool = False) -> jax.Array:
         return method.shade(visibility, light, setting.surface, key=key, progress=progress)

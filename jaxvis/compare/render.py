@@ -51,11 +51,11 @@ def render(
     progress = progress and sys.stderr.isatty()
     start = time.perf_counter()
     with tqdm(total=3, leave=False, disable=not progress) as bar:
-        bar.set_description("precompute")
-        visibility = method.precompute_for(setting.scene, setting.surface, progress=progress)
-        bar.update()
         bar.set_description("light")
         light = jax.block_until_ready(method.light(setting.environment))
+        bar.update()
+        bar.set_description("precompute")
+        visibility = method.precompute_for(setting.scene, setting.surface, progress=progress)
         bar.update()
         bar.set_description("shade")
         radiance = finite_image(

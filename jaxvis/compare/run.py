@@ -42,7 +42,7 @@ from jaxvis.errors import JaxvisWarning
 from jaxvis.image import exposure_of
 from jaxvis.image.metrics import FLIP_PIXELS_PER_DEGREE, RELMSE_EPSILON
 from jaxvis.image.tonemap import WHITE_PERCENTILE
-from jaxvis.lighting import Environment
+from jaxvis.lighting import Environment, SphereLights
 from jaxvis.methods import Method, Reference
 from jaxvis.reflectance import Reflectance
 from jaxvis.scene import Camera, Scene
@@ -70,6 +70,7 @@ def compare(
     supersampling: int = 1,
     rotate: float = 0.0,
     two_sided: bool | None = None,
+    spheres: SphereLights | None = None,
     reference: str | Method = DEFAULT_REFERENCE,
     exposure: float | None = None,
     progress: bool = True,
@@ -91,6 +92,7 @@ def compare(
         supersampling: camera rays per pixel along each axis.
         rotate: radians by which the environment turns about +Y.
         two_sided: overrides what the mesh file says of its materials.
+        spheres: local lights, instead of any that the environment has. Methods that know none fail.
         reference: what the others are measured against; its image is cached on disk.
         exposure: of the .png images. By default that of the metric.
         progress: show progress bars if standard error is a terminal.
@@ -119,6 +121,7 @@ def compare(
             supersampling=supersampling,
             rotate=rotate,
             two_sided=two_sided,
+            spheres=spheres,
         )
     with (
         contextlib.nullcontext() if out is None else output_folder(out) as folder,
@@ -246,7 +249,7 @@ def _reference(
         [np.asarray(leaf) for leaf in jax.tree.leaves(surface)],
         surface.supersampling,
         repr(surface.reflectance),
-        np.asarray(setting.environment.radiance),
+        [np.asarray(leaf) for leaf in jax.tree.leaves(setting.environment)],
     )
     notes: list[str] = []
     with _noting_warnings(notes):

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from jaxvis.lighting import Environment, load_environment
+from jaxvis.lighting import Environment, SphereLights, load_environment
 from jaxvis.reflectance import Reflectance, reflectance_by_name
 from jaxvis.scene import Camera, Scene, Surface, default_camera, load_scene, trace_surface
 
@@ -91,7 +91,22 @@ class Setting:
                 "width": self.environment.width,
                 "largest_radiance": float(jnp.max(self.environment.radiance)),
             },
+            "lamps": _lamps(self.environment.spheres),
         }
+
+
+def _lamps(spheres: SphereLights | None) -> list[dict[str, Any]]:
+    """Sphere lights in plain numbers, as short as float32 has them."""
+    if spheres is None:
+        return []
+    columns = {
+        name: np.vectorize(lambda number: float(str(np.float32(number))))(getattr(spheres, name))
+        for name in ("position", "radius", "radiance")
+    }
+    return [
+        {name: column[light].tolist() for name, column in columns.items()}
+        for light in range(spheres.count)
+    ]
 
 
 def prepare(
@@ -104,6 +119,7 @@ def prepare(
     supersampling: int = 1,
     rotate: float = 0.0,
     two_sided: bool | None = None,
+    spheres: SphereLights | None = None,
 ) -> Setting:
     """Loads what is named and traces one camera ray per pixel (more with supersampling).
 
@@ -115,6 +131,7 @@ def prepare(
         supersampling: camera rays per pixel along each axis.
         rotate: radians by which the environment turns about +Y.
         two_sided: overrides what the mesh file says of its materials.
+        spheres: local lights, instead of any that the environment has.
 
     Raises:
         ValueError, FileNotFoundError: input that cannot be used, or a camera that sees nothing.
@@ -134,6 +151,8 @@ def prepare(
         scene = scene.with_reflectance(reflectance)
     if not isinstance(environment, Environment):
         environment = load_environment(environment)
+    if spheres is not None:
+        environment = environment.with_spheres(spheres)
     if rotate:
         environment = environment.rotate(rotate)
     camera = camera or scene.camera or default_camera(scene, aspect=width / height)

@@ -1,6 +1,7 @@
 """Environments by name, from files, and from arrays."""
 
 import warnings
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -59,7 +60,7 @@ def load_environment(
     else:
         environment = convert(read_probe(source, layout), height)
     scaled = environment if exposure == 1.0 else environment.scale(exposure)
-    return scaled if name is None else Environment(scaled.radiance, name)
+    return scaled if name is None else replace(scaled, name=name)
 
 
 def convert(probe: Probe, height: int | None = None) -> Environment:

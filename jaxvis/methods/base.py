@@ -65,6 +65,24 @@ class Method(ABC):
         return dataclasses.asdict(self)
 
 
+LIGHT_LOCALLY = ("reference", "mc-*", "distance-field", "adaptive", "shadow-map")
+"""Registered names of the methods that know of local lights."""
+
+
+def refuse_spheres(environment: Environment, method: Method) -> None:
+    """For ``light`` of a method that knows light from infinity alone.
+
+    Raises:
+        ValueError: the environment has sphere lights.
+    """
+    if environment.spheres is not None:
+        *others, last = LIGHT_LOCALLY
+        raise ValueError(
+            f"{type(method).__name__} has no local lights (lamps, spheres): take them away, or use "
+            f"{', '.join(others)} or {last}"
+        )
+
+
 def require_key(key: jax.Array | None, method: Method) -> jax.Array:
     """The key that a stochastic method was given.
 

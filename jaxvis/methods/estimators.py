@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, UInt32
 
-from jaxvis.lighting import Environment
+from jaxvis.lighting import Environment, SphereLights
+from jaxvis.methods.sphere_rays import towards_spheres
 from jaxvis.methods.traced import (
     Components,
     Proposal,
@@ -126,6 +127,39 @@ def tossed_proposal(
         return weighed(light, points, drawn, counts=half, reflectance=reflectance)
 
     return toss
+
+
+def sphere_proposal(
+    spheres: SphereLights,
+    words: UInt32[Array, "2"],
+    samples: int,
+    reflectance: Reflectance,
+) -> Propose:
+    """``samples`` rays a point to sphere lights (in the points' coordinates), shared fairly.
+
+    Each light gets ``samples`` / lights of them, rounded up or down by chance: rays take the lights
+    in order, from a random place of the first one's share on, so that no ray is lost or given
+    twice, and each light's expectation is its share.
+    """
+    share = spheres.count / samples
+
+    def propose_rays(points: ShadingPoints) -> Proposal:
+        # After the numbers of the environment's rays, be they as many or a coin more.
+        numbers = random_numbers(words, points, first=samples + 1, samples=samples)
+        lights, uniforms = _assigned(numbers, count=spheres.count)
+        return towards_spheres(spheres, points, lights, uniforms, share, reflectance=reflectance)
+
+    return propose_rays
+
+
+@partial(jax.jit, static_argnames="count")
+def _assigned(
+    numbers: tuple[Float[Array, "points samples"], ...], *, count: int
+) -> tuple[Int[Array, "points samples"], Float[Array, "points samples 2"]]:
+    """The light of each ray, and its numbers within the cone."""
+    samples = numbers[0].shape[1]
+    place = (jnp.arange(samples) + numbers[2][:, :1]) * (count / samples)
+    return jnp.minimum(place.astype(jnp.int32), count - 1), jnp.stack(numbers[:2], axis=-1)
 
 
 @partial(jax.jit, static_argnames=("first", "samples"))

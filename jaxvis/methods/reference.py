@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from jaxvis.cache import cached_arrays, content_hash
 from jaxvis.errors import JaxvisWarning
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method
+from jaxvis.methods.sphere_rays import StratifiedSpheres
 from jaxvis.methods.traced import (
     Components,
     Proposal,
@@ -41,12 +42,17 @@ REPLICATES = 4
 """Independent scramblings whose spread tells the error."""
 FIRST_LEVEL, LAST_LEVEL = 6, 14
 """Powers of two: directions of each kind in a scrambling, at first and at most."""
+SPHERE_DIRECTIONS = 1024
+"""In each scrambling, to each sphere light, where every texel of the environment is summed."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ReferenceLight:
-    """The environment that is integrated, and the table from which subsets are drawn."""
+    """The environment that is integrated, and the table from which subsets are drawn.
+
+    Its spheres are in world coordinates.
+    """
 
     environment: Environment
     distribution: LatLongDistribution
@@ -56,8 +62,8 @@ class Solution(NamedTuple):
     """A reference image, with how well it is known.
 
     ``error`` is the image's standard error, root mean square over the covered pixels and relative
-    to their mean radiance; 0 when every texel was integrated. ``directions`` is how many directions
-    each pixel integrated.
+    to their mean radiance; 0 when every texel was integrated and there are no spheres.
+    ``directions`` is how many directions each pixel integrated.
     """
 
     image: Float[Array, "height width 3"]
@@ -79,6 +85,9 @@ class Reference(Method):
     heuristic. Four
     independent scramblings tell the error, and the subset doubles until the image's relative
     standard error (see :class:`Solution`) is at most ``error``.
+
+    Sphere lights add as many directions each, from the cones that they subtend; with no ``error``,
+    four times 1024.
     """
 
     error: float | None = None
@@ -127,9 +136,14 @@ class Reference(Method):
         """The image, its error and the number of directions."""
         points = shading_points(surface)
         trace = partial(_trace, visibility, points, progress)
+        light = replace(light, environment=light.environment.seen_from(surface.origin))
         if self.error is None:
             radiance = _every_texel(light, surface.reflectance, self.subdivision, trace)
             error, directions = 0.0, light.environment.radiance[..., 0].size * self.subdivision**2
+            if light.environment.spheres is not None:
+                spheres = StratifiedSpheres(light.environment.spheres, REPLICATES)
+                radiance, error = _mean(radiance + _of_spheres(spheres, surface.reflectance, trace))
+                directions += REPLICATES * SPHERE_DIRECTIONS * spheres.count
         else:
             radiance, error, directions = _subset(light, surface.reflectance, self.error, trace)
         return Solution(to_image(surface, points, radiance), error, directions)
@@ -162,8 +176,12 @@ class Reference(Method):
         self, visibility: RayVisibility, light: ReferenceLight, surface: Surface
     ) -> int:
         """Directions times points; a subset counts as 0: only :meth:`solve` knows what it takes."""
-        texels = 0 if self.error is not None else light.environment.radiance[..., 0].size
-        return texels * self.subdivision**2 * int(jnp.sum(surface.mask))
+        if self.error is not None:
+            return 0
+        directions = light.environment.radiance[..., 0].size * self.subdivision**2
+        if light.environment.spheres is not None:
+            directions += REPLICATES * SPHERE_DIRECTIONS * light.environment.spheres.count
+        return directions * int(jnp.sum(surface.mask))
 
 
 Trace = Callable[[list[Propose], int, str], np.ndarray]
@@ -246,11 +264,35 @@ def _scaled(
     return propose(jnp.stack(directions, axis=-1), value * flux, points)
 
 
+def _of_spheres(
+    spheres: StratifiedSpheres, reflectance: Reflectance, trace: Trace
+) -> Float[np.ndarray, "replicates points 3"]:
+    """Radiance of each point by sphere lights, by each of the scramblings."""
+    sums = []
+    for r in range(REPLICATES):
+        proposals = spheres.proposals(r, SPHERE_DIRECTIONS, DIRECTIONS_PER_STAGE, reflectance)
+        sums.append(trace(proposals, DIRECTIONS_PER_STAGE, f"spheres ({r + 1}/{REPLICATES})"))
+    return np.stack(sums) / SPHERE_DIRECTIONS
+
+
+def _mean(
+    estimates: Float[np.ndarray, "replicates points 3"],
+) -> tuple[Float[np.ndarray, "points 3"], float]:
+    """The mean of independent estimates, and its relative standard error."""
+    radiance = estimates.mean(axis=0)
+    if not radiance.size:
+        return radiance, 0.0
+    variance = estimates.var(axis=0, ddof=1).mean() / len(estimates)
+    return radiance, float(np.sqrt(variance) / max(radiance.mean(), 1e-30))
+
+
 def _subset(
     light: ReferenceLight, reflectance: Reflectance, target: float, trace: Trace
 ) -> tuple[np.ndarray, float, int]:
     """Radiance of each point, its relative standard error, and the directions per point."""
     engines = [(qmc.Sobol(2, rng=2 * r), qmc.Sobol(3, rng=2 * r + 1)) for r in range(REPLICATES)]
+    local = light.environment.spheres
+    spheres = None if local is None else StratifiedSpheres(local, REPLICATES)
     totals: list[np.ndarray] = []
     count = 0
     while True:
@@ -267,15 +309,14 @@ def _subset(
                     partial(_balanced, _drawn(light, on_light), reflectance=reflectance),
                     partial(_from_brdf, light, on_brdf, reflectance=reflectance),
                 ]
+            if spheres is not None:
+                proposals += spheres.proposals(replicate, fresh, step, reflectance)
             sums.append(
                 trace(proposals, step, f"reference {count + fresh} ({replicate + 1}/{REPLICATES})")
             )
         totals = [a + b for a, b in zip(totals, sums, strict=True)] if totals else sums
         count += fresh
-        estimates = np.stack(totals) / count
-        radiance = estimates.mean(axis=0)
-        variance = estimates.var(axis=0, ddof=1).mean() / REPLICATES if radiance.size else 0.0
-        error = float(np.sqrt(variance) / max(radiance.mean(), 1e-30)) if radiance.size else 0.0
+        radiance, error = _mean(np.stack(totals) / count)
         if error <= target:
             break
         if count >= 1 << LAST_LEVEL:
@@ -285,7 +326,8 @@ def _subset(
                 stacklevel=2,
             )
             break
-    return radiance.astype(np.float32), error, 2 * REPLICATES * count
+    kinds = 2 if spheres is None else 2 + spheres.count
+    return radiance.astype(np.float32), error, kinds * REPLICATES * count
 
 
 class _Lights(NamedTuple):

@@ -93,11 +93,15 @@ Components = tuple[Float[Array, "*rays"], Float[Array, "*rays"], Float[Array, "*
 
 
 class Proposal(NamedTuple):
-    """Rays from each point. ``weights`` is what a ray adds to the radiance if it is unoccluded."""
+    """Rays from each point. ``weights`` is what a ray adds to the radiance if it is unoccluded.
+
+    Rays end where their light is, after ``limits``, or leave the scene if there are none.
+    """
 
     directions: Components
     weights: Components
     active: Bool[Array, "points samples"]
+    limits: Float[Array, "points samples"] | None = None
 
 
 Propose = Callable[[ShadingPoints], Proposal]
@@ -123,6 +127,7 @@ def propose(
     directions: Float[Array, "points samples 3"],
     weights: Float[Array, "points samples 3"],
     points: ShadingPoints,
+    limits: Float[Array, "points samples"] | None = None,
 ) -> Proposal:
     """Keeps the rays that can contribute: above the triangle's plane and of non-zero weight.
 
@@ -131,7 +136,7 @@ def propose(
     """
     above = dot(points.geometric_normal[:, None, :], directions) > 0.0
     active = above & (jnp.max(weights, axis=-1) > 0.0)
-    return Proposal(components(directions), components(weights), active)
+    return Proposal(components(directions), components(weights), active, limits)
 
 
 def shading_points(surface: Surface) -> ShadingPoints:
@@ -163,7 +168,7 @@ def trace_and_sum(
     rays_per_chunk: int = RAYS_PER_CHUNK,
     advance: Callable[[int], Any] = lambda points: None,
 ) -> Float[np.ndarray, "points 3"]:
-    """Sum over all proposals of the weights of the rays that leave the scene.
+    """Sum over all proposals of the weights of the rays that nothing blocks.
 
     Args:
         proposals: functions of a block of points, made of jitted stages, each of which gives up to
@@ -180,7 +185,7 @@ def trace_and_sum(
     count = len(points.pixel)
     radiance = np.zeros((count, 3), np.float32)
     block = block_points(count, samples)
-    padded = jax.tree.map(lambda leaf: pad_rows(leaf, -count % block), points)
+    padded = pad_points(points, -count % block)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
 
     def shade_chunk(first: int) -> int:
@@ -215,16 +220,22 @@ def block_points(count: int, samples: int) -> int:
 def _trace(
     tracer: RayTracer, points: ShadingPoints, rays: Proposal, inside: int
 ) -> Bool[np.ndarray, "points samples"]:
-    """Which rays leave the scene; the points after ``inside`` are padding."""
+    """Which rays are not blocked; the points after ``inside`` are padding."""
     active = np.array(rays.active)
     active[inside:] = False
     directions = [np.asarray(axis) for axis in rays.directions]
-    return tracer.visible(np.asarray(points.origin), directions, active)
+    limits = None if rays.limits is None else np.asarray(rays.limits)
+    return tracer.visible(np.asarray(points.origin), directions, active, limits)
 
 
-def pad_rows(leaf: Array, missing: int) -> Array:
-    """The array with its last row ``missing`` times more."""
-    return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)])
+@partial(jax.jit, static_argnames="missing")
+def pad_points(points: ShadingPoints, missing: int) -> ShadingPoints:
+    """The points with the last one ``missing`` times more."""
+
+    def pad_rows(leaf: Array) -> Array:
+        return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)])
+
+    return jax.tree.map(pad_rows, points)
 
 
 @partial(jax.jit, static_argnames="count")

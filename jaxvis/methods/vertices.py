@@ -4,9 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from jaxvis.scene import Scene
 from jaxvis.scene.rays import OFFSET_SCALE
+from jaxvis.scene.weld import equal_rows
 
 LARGEST_DIP = 0.6
 """Most that a sample's domain reaches below its tangent plane, as a sine (37 degrees)."""
@@ -81,6 +84,21 @@ def vertex_samples(scene: Scene, *, largest_dip: float = LARGEST_DIP) -> VertexS
         largest_dip=largest_dip,
     )
     return VertexSamples(positions, *placed, triangles, backs)
+
+
+def connected_surfaces(placed: VertexSamples) -> Int32[np.ndarray, "samples"]:
+    """Numbers of the connected surfaces that samples are on; the sides of a sheet are two."""
+    count = len(placed.positions)
+    sides = [placed.triangles, placed.backs[placed.backs[:, 0] >= 0]]
+    edges = [corners[:, pair] for corners in sides for pair in ([0, 1], [1, 2])]
+    # Vertices at one position are one point of the surface, whatever their normals.
+    for corners in sides:
+        used = np.unique(corners)
+        first, number = equal_rows(*placed.positions[used].T)
+        edges.append(np.column_stack([used, used[first[number]]]))
+    row, column = np.concatenate(edges).T
+    graph = csr_array((np.ones(len(row), np.int8), (row, column)), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def placed_samples(

@@ -216,7 +216,8 @@ def _details(comparison: Comparison) -> str:
             **{k: v for k, v in comparison["scene_info"].items() if k != "notes"},
             "reflectance": comparison["reflectance"],
         },
-        "light": {"name": comparison["environment"], **comparison["environment_info"]},
+        "light": {"name": comparison["environment"], **comparison["environment_info"]}
+        | {f"lamp {i}": _lamp(lamp) for i, lamp in enumerate(comparison.get("lamps", ()), 1)},
         "camera": {
             **camera,
             "size": comparison["size"],
@@ -242,6 +243,10 @@ def _details(comparison: Comparison) -> str:
     )
     notes = "".join(f"<p>{escape(note)}.</p>" for note in comparison["metric"]["notes"])
     return f'<section><h2>Details</h2>{notes}<div class="details">{blocks}</div></section>'
+
+
+def _lamp(lamp: dict[str, Any]) -> str:
+    return ", ".join(f"{key} {_text(value)}" for key, value in lamp.items())
 
 
 def _definitions(values: dict[str, Any]) -> str:

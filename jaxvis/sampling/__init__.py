@@ -1,6 +1,6 @@
 """Drawing samples: each ``sample`` has its ``pdf``, and an ``inverse`` where one exists."""
 
-from jaxvis.sampling import hemisphere, microfacet, mis, phong, random, sequences
+from jaxvis.sampling import cone, hemisphere, microfacet, mis, phong, random, sequences
 from jaxvis.sampling.alias import AliasTable
 from jaxvis.sampling.latlong_alias import EnvironmentSample, EnvironmentSampler
 from jaxvis.sampling.piecewise import LatLongDistribution
@@ -11,6 +11,7 @@ __all__ = [
     "EnvironmentSample",
     "EnvironmentSampler",
     "LatLongDistribution",
+    "cone",
     "hammersley",
     "hemisphere",
     "microfacet",

@@ -1,5 +1,6 @@
 """Cosine-weighted and uniform directions of the hemisphere, in the local frame (normal = +z)."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -23,6 +24,7 @@ def pdf_cosine(cosine: Float[Array, "*points"]) -> Float[Array, "*points"]:
     return jnp.maximum(cosine, 0.0) * (1.0 / jnp.pi)
 
 
+@jax.jit
 def sample_uniform(uniforms: Float[Array, "*points 2"]) -> Float[Array, "*points 3"]:
     """Unit directions of density 1 / 2 pi: cos theta = 1 - u, phi = 2 pi v."""
     u = uniforms[..., 0]

@@ -1,5 +1,8 @@
 """Low-discrepancy points: Hammersley's."""
 
+from functools import partial
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt32
 
@@ -23,6 +26,7 @@ def radical_inverse(
     return (bits >> 8).astype(jnp.float32) * 2.0**-24
 
 
+@partial(jax.jit, static_argnames="count")
 def hammersley(count: int) -> Float[Array, "samples 2"]:
     """Point i is ((i + 1/2) / count, radical inverse of i), both in [0, 1)."""
     if not 1 <= count <= 2**24:

@@ -121,8 +121,10 @@ class RayTracer:
         origins: Float32[np.ndarray, "points 3"],
         directions: Sequence[Float32[np.ndarray, "points samples"]],
         active: Bool[np.ndarray, "points samples"],
+        limits: Float32[np.ndarray, "points samples"] | None = None,
     ) -> Bool[np.ndarray, "points samples"]:
-        """Which of the active rays leave the scene. Only active rays are traced; others are false.
+        """Which of the active rays leave the scene, or meet nothing within their ``limits`` (in
+        lengths of their directions). Only active rays are traced; others are false.
 
         ``directions`` are three arrays, one a component, as array code makes them fastest. Traces
         in the calling thread, for callers that keep several threads busy; the rays are compacted
@@ -142,7 +144,9 @@ class RayTracer:
             along = np.empty((count, 3), np.float32)
             x, y, z = (axis[part] for axis in directions)
             _compact(origins[part], x, y, z, active[part], starts, along)
-            answer, elapsed = self._run(starts, along, query="OCCLUDED")
+            # A copy: Embree overwrites the distances that it is given.
+            options = {} if limits is None else {"dists": limits[part][active[part]]}
+            answer, elapsed = self._run(starts, along, query="OCCLUDED", **options)
             _spread(answer, active[part], result[part])
             traced, seconds = traced + count, seconds + elapsed
         self._count(traced, seconds)

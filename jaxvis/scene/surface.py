@@ -1,6 +1,7 @@
 """What each pixel sees of a scene: the input of every method's ``shade``."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +16,10 @@ class Surface:
     """The first hit of one camera ray per pixel (n x n rays per pixel with supersampling n).
 
     Shapes are [rows, columns, ...] with rows = supersampling * height, columns likewise. Positions
-    are in the scene's centred coordinates; normals are unit and on the viewer's side; ``view``
-    points to the camera, which is at ``eye``. ``mask`` is true where a shadeable front was hit:
-    misses are false, and so are the backs of one-sided faces, which are black (``backs`` marks
-    them).
+    are in the scene's centred coordinates, whose zero lies at ``origin`` in the world; normals are
+    unit and on the viewer's side; ``view`` points to the camera, which is at ``eye``. ``mask`` is
+    true where a shadeable front was hit: misses are false, and so are the backs of one-sided faces,
+    which are black (``backs`` marks them).
     """
 
     position: Float[Array, "rows columns 3"]
@@ -32,6 +33,7 @@ class Surface:
     mask: Bool[Array, "rows columns"]
     backs: Bool[Array, "rows columns"]
     eye: Float[Array, "3"]
+    origin: Float[Array, "3"] = field(default_factory=lambda: jnp.zeros(3))
     supersampling: int = field(default=1, metadata={"static": True})
     reflectance: Reflectance = field(default=Lambert(), metadata={"static": True})
 
@@ -48,18 +50,33 @@ class Surface:
     @property
     def coverage(self) -> Float[Array, "height width"]:
         """Share of each pixel's rays that hit the scene (backs included)."""
-        return self._pixel_sums((self.mask | self.backs).astype(jnp.float32)[..., None])[..., 0] / (
-            self.supersampling**2
-        )
+        return _coverage(self.mask | self.backs, n=self.supersampling)
 
     def to_image(self, radiance: Float[Array, "rows columns 3"]) -> Float[Array, "height width 3"]:
         """Per-pixel mean of the radiance over the rays that hit the scene; 0 where none did."""
-        hit = (self.mask | self.backs).astype(radiance.dtype)[..., None]
-        shaded = jnp.where(self.mask[..., None], radiance, 0.0)
-        return self._pixel_sums(shaded) / jnp.maximum(self._pixel_sums(hit), 1.0)
+        return _pixel_means(radiance, self.mask, self.backs, n=self.supersampling)
 
-    def _pixel_sums(
-        self, values: Float[Array, "rows columns channels"]
-    ) -> Float[Array, "height width channels"]:
-        n = self.supersampling
-        return values.reshape(self.height, n, self.width, n, -1).sum(axis=(1, 3))
+
+@partial(jax.jit, static_argnames="n")
+def _coverage(hit: Bool[Array, "rows columns"], *, n: int) -> Float[Array, "height width"]:
+    return _pixel_sums(hit.astype(jnp.float32)[..., None], n)[..., 0] / n**2
+
+
+@partial(jax.jit, static_argnames="n")
+def _pixel_means(
+    radiance: Float[Array, "rows columns 3"],
+    mask: Bool[Array, "rows columns"],
+    backs: Bool[Array, "rows columns"],
+    *,
+    n: int,
+) -> Float[Array, "height width 3"]:
+    hit = (mask | backs).astype(radiance.dtype)[..., None]
+    shaded = jnp.where(mask[..., None], radiance, 0.0)
+    return _pixel_sums(shaded, n) / jnp.maximum(_pixel_sums(hit, n), 1.0)
+
+
+def _pixel_sums(
+    values: Float[Array, "rows columns channels"], n: int
+) -> Float[Array, "height width channels"]:
+    rows, columns, channels = values.shape
+    return values.reshape(rows // n, n, columns // n, n, channels).sum(axis=(1, 3))

@@ -113,8 +113,10 @@ def _assemble(
         return jnp.asarray(whole.reshape(shape + whole.shape[1:]))
 
     leaves = jax.tree.map(join, *bands)
-    centred = jnp.asarray(eye, jnp.float32)
-    return Surface(**leaves, eye=centred, supersampling=n, reflectance=scene.reflectance)
+    leaves["eye"], leaves["origin"] = (
+        jnp.asarray(place, jnp.float32) for place in (eye, scene.origin)
+    )
+    return Surface(**leaves, supersampling=n, reflectance=scene.reflectance)
 
 
 def _interpolate(

@@ -48,6 +48,7 @@ class SphericalGaussians:
         return self.amplitude * total(self.sharpness)[..., None]
 
 
+@jax.jit
 def total(sharpness: Float[Array, "*lobes"]) -> Float[Array, "*lobes"]:
     """Integral of a lobe of amplitude 1 over the sphere, in steradians."""
     x = 2.0 * sharpness

@@ -5,6 +5,7 @@ A panorama seen from inside, as Mitsuba 3's ``envmap`` with identity ``to_world`
 -Z, a quarter of the width is +X and the middle is +Z. A texel's value is the average over it.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -45,6 +46,7 @@ def texel(
     return row, column
 
 
+@jax.jit
 def nearest(
     values: Float[Array, "height width *channels"], directions: Float[Array, "*points 3"]
 ) -> Float[Array, "..."]:

@@ -10,6 +10,7 @@ from PIL import Image
 from jaxvis.compare import frame_range, prepare, render, render_frames
 from jaxvis.compare.frames import write_animation
 from jaxvis.image import read_image, write_image
+from jaxvis.lighting import SphereLights
 from jaxvis.methods import create
 from jaxvis.methods.base import Method
 from jaxvis.scene import load_animation
@@ -73,6 +74,21 @@ def test_frames_are_the_pictures_of_their_scenes(animation, sky, tmp_path):
         expected = render(method, setting, seed=5, exposure=0.7).shown
         np.testing.assert_allclose(picture, expected, atol=0.51 / 255)
     assert np.abs(pictures[0] - pictures[1]).max() > 0.1
+
+
+def test_lamps_light_all_frames(animation, sky, tmp_path):
+    method = create("mc-mis:spp=2")
+    lamp = SphereLights.of([(0.0, 3.0, 0.0)], [0.3], [(50.0, 20.0, 0.0)])
+    options = {"exposure": 0.7, "rotate": 0.4}
+    names = render_frames(
+        method, animation, [3, 7], tmp_path, "l", sky, SIZE, spheres=lamp, **options
+    )
+    for frame, name in zip((3, 7), names, strict=False):
+        plain = prepare(animation.scene(frame), sky, SIZE, rotate=0.4)
+        lit = prepare(animation.scene(frame), sky, SIZE, rotate=0.4, spheres=lamp)
+        expected = render(method, lit, exposure=0.7).shown
+        np.testing.assert_allclose(read_image(tmp_path / name), expected, atol=0.51 / 255)
+        assert np.abs(expected - render(method, plain, exposure=0.7).shown).max() > 0.1
 
 
 def test_visibility_is_carried_over(animation, sky, tmp_path):

@@ -18,6 +18,7 @@ from jaxvis.compare import (
 from jaxvis.compare.run import one_line, without_folders
 from jaxvis.errors import JaxvisWarning
 from jaxvis.image import psnr, read_image, rmse, write_image
+from jaxvis.lighting import SphereLights
 from jaxvis.methods import Method, Reference
 from jaxvis.scene import Camera
 
@@ -222,6 +223,10 @@ def test_the_reference_is_cached_until_something_it_shows_changes(scene, sky):
     assert not cached(scene, brighter, supersampling=2)
     assert not cached(scene, brighter, camera=Camera((0.0, 2.0, 4.0), (0.0, 0.0, 0.0)))
     assert not cached(scene, brighter, reference="reference:subdivision=2")
+    lamps = [SphereLights.of([(0.0, y, 0.0)], [0.1], [(9.0,) * 3]) for y in (1.0, 2.0)]
+    assert not cached(scene, brighter, spheres=lamps[0])
+    assert not cached(scene, brighter, spheres=lamps[1])
+    assert cached(scene, brighter.with_spheres(lamps[0]))
     assert cached(scene, brighter)
 
 

@@ -206,7 +206,7 @@ def test_maps(view, method):
 
 def test_placement(view, method):
     (rows,) = rows_of("placement", view, method)
-    assert [row["lobes"] for row in rows] == ["256 cells", "32 fitted"]
+    assert [row["lobes"] for row in rows] == ["512 cells", "32 fitted"]
     for row in rows:
         assert row["samples"] < row["in view"] < row["vertices"]
         assert row["less dB"] == pytest.approx(row["dB of all"] - row["dB"])

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, replace
 from functools import cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxvis.lighting import Environment
+from jaxvis.lighting import Environment, SphereLights
 from jaxvis.reflectance import CookTorrance, Lambert, Material, Phong, Reflectance
 from jaxvis.scene import Camera, Scene, Surface, trace_surface
 from jaxvis.scene.builtin import builtin_scene
@@ -64,3 +65,37 @@ def contrasted(height: int = 8, seed: int = 0) -> Environment:
 
 def uniform_light(value: float = 1.0, height: int = 4) -> Environment:
     return Environment(jnp.full((height, 2 * height, 3), value, jnp.float32), "uniform")
+
+
+def ground_pixels(known: KnownScene, points: list[tuple[float, float]]) -> list[Surface]:
+    """One pixel each that sees a point (x, z) of the ground and nothing else, white and diffuse."""
+    scene = known.with_material(Material(base_colour=(1.0,) * 3), Lambert())
+    return [
+        trace_surface(
+            scene,
+            Camera((x, 0.3, z), (x, 0.0, z), up=(0.0, 0.0, -1.0), field_of_view=0.01),
+            (1, 1),
+        )
+        for x, z in points
+    ]
+
+
+def lamps(*lights: tuple[tuple[float, float, float], float, float]) -> Environment:
+    """Spheres (centre, radius, radiance) in the dark."""
+    places, radii, radiances = zip(*lights, strict=True)
+    colours = [(radiance, 0.5 * radiance, 0.25 * radiance) for radiance in radiances]
+    return uniform_light(0.0).with_spheres(SphereLights.of(places, radii, colours))
+
+
+def lamp_radiance(
+    environment: Environment, position: np.ndarray, normal: tuple[float, float, float] = (0, 1, 0)
+) -> np.ndarray:
+    """L (r / d)^2 cos at points of a white diffuse plane: exact if lamps are above the horizon."""
+    leaves = (np.asarray(leaf, np.float64) for leaf in jax.tree.leaves(environment.spheres))
+    total = np.zeros_like(position, np.float64)
+    for centre, radius, radiance in zip(*leaves, strict=True):
+        away = centre - position
+        distance = np.linalg.norm(away, axis=-1)
+        share = (radius / distance) ** 2 * (away @ np.asarray(normal, float)) / distance
+        total += share[..., None] * radiance
+    return total

@@ -2,9 +2,9 @@ import dataclasses
 
 import numpy as np
 
-from jaxvis.methods.vertices import LARGEST_DIP, vertex_samples
+from jaxvis.methods.vertices import LARGEST_DIP, connected_surfaces, vertex_samples
 from jaxvis.reflectance import Material
-from jaxvis.scene import build_scene
+from jaxvis.scene import build_scene, load_scene
 from jaxvis.scene.builtin import builtin_scene
 
 
@@ -82,3 +82,26 @@ def test_zero_normals_are_replaced_by_a_triangles():
     scene = builtin_scene("plane")
     broken = dataclasses.replace(scene, normals=np.zeros_like(scene.normals))
     np.testing.assert_allclose(vertex_samples(broken).normals, scene.normals, atol=1e-6)
+
+
+def test_connected_surfaces_are_those_that_share_vertices_or_their_positions():
+    placed = vertex_samples(builtin_scene("box-on-plane"))
+    parts = connected_surfaces(placed)
+    # The box has hard edges: its faces share positions but no vertices. The plane is apart.
+    assert len(np.unique(parts)) == 2
+    for corners in placed.triangles:
+        assert len(np.unique(parts[corners])) == 1
+    ground = placed.positions[:, 1].min()
+    plane = np.unique(
+        parts[placed.triangles][np.ptp(placed.positions[placed.triangles, 1], axis=1) > 0]
+    )
+    assert len(plane) == 1  # only the box has triangles that rise
+    assert set(np.unique(parts[placed.positions[:, 1] > ground + 1e-6])) == set(plane)
+
+
+def test_the_two_sides_of_a_sheet_are_two_surfaces():
+    scene = load_scene("plane", two_sided=True)
+    placed = vertex_samples(scene)
+    parts = connected_surfaces(placed)
+    assert len(np.unique(parts)) == 2
+    assert len(np.unique(parts[np.unique(placed.backs)])) == 1

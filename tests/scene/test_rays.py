@@ -81,6 +81,27 @@ def test_visible_traces_active_rays_only():
     assert 0.2 < (visible.sum() / active.sum()) < 0.8
 
 
+def test_visible_rays_may_end_before_what_they_would_meet():
+    positions, triangles = sphere()
+    tracer = RayTracer(positions, triangles)
+    origins = 1.2 * random_directions(300)
+    directions = random_directions(300 * 64, seed=2).reshape(300, 64, 3)
+    components = list(np.moveaxis(directions, -1, 0))
+    active = np.random.default_rng(3).random((300, 64)) < 0.5
+    starts = np.repeat(origins, 64, axis=0)
+    distance = tracer.closest_hit(starts, directions.reshape(-1, 3)).distance.reshape(300, 64)
+    assert np.isfinite(distance[active]).mean() > 0.2
+    limits = np.where(np.isfinite(distance), distance, np.float32(1.0))
+    for factor in (np.float32(0.999), np.float32(1.001)):
+        given = factor * limits
+        kept = given.copy()
+        visible = tracer.visible(origins, components, active, given)
+        expected = active & (distance > given)
+        np.testing.assert_array_equal(visible, expected)
+        np.testing.assert_array_equal(given, kept)
+    assert visible.sum() < active.sum()
+
+
 @pytest.mark.parametrize("shift", [0.0, 1e3, 1e6])
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
 def test_grazing_rays_do_not_hit_the_surface_that_they_leave(shift, size):

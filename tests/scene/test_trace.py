@@ -54,6 +54,7 @@ def test_the_eye_is_where_the_views_meet():
     scene = build_scene(SQUARE + shift, FACES)
     surface = trace_surface(scene, Camera(eye + shift, shift), (8, 8))
     np.testing.assert_allclose(surface.eye, eye + shift - scene.origin, atol=1e-6)
+    np.testing.assert_allclose(surface.origin, scene.origin, atol=1e-6)
     mask = np.asarray(surface.mask)
     away = np.asarray(surface.eye) - np.asarray(surface.position)[mask]
     distance = np.linalg.norm(away, axis=-1, keepdims=True)

@@ -3,19 +3,18 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32
+from jaxtyping import Bool, Float32, Int, Int32
 from scipy.spatial import KDTree
 
 from jaxvis.cores import core_count
-from jaxvis.methods.distance_field.coefficients import magnitude, visibility_error
+from jaxvis.methods.distance_field.foretold import Foretold
 from jaxvis.methods.distance_field.neighbours import (
     NEARER,
-    Interpolation,
     Nearest,
     Places,
+    geometric_error,
     isolated,
     nearest_samples,
-    weights,
 )
 
 REACH = 2.5
@@ -30,10 +29,10 @@ class Plan(NamedTuple):
 
     insert: Int32[np.ndarray, "inserted"]
     """Places that become samples, the most needed first."""
+    need: Float32[np.ndarray, "inserted"]
+    """The relative error for which each is inserted."""
     erase: Bool[np.ndarray, "samples"]
     """Samples that go."""
-    error: Float32[np.ndarray, "samples"]
-    """Relative visibility error of what the neighbours say of each sample."""
 
 
 def neighbours(samples: Places) -> Nearest:
@@ -47,70 +46,75 @@ def neighbours(samples: Places) -> Nearest:
     finite = error[:, 0][np.isfinite(error[:, 0])]
     reach = REACH * np.median(finite) if len(finite) else 0.0
     outside = (error > reach) & (np.arange(MOST) >= FEWEST)
-    return Nearest(np.where(outside, -1, found), np.where(outside, np.float32(np.inf), error))
+    connected = np.take_along_axis(near.connected, order, axis=1) & ~outside
+    return Nearest(
+        np.where(outside, -1, found), np.where(outside, np.float32(np.inf), error), connected
+    )
 
 
 def plan(
     places: Places,
+    allowed: Bool[np.ndarray, "places"],
     samples: Int[np.ndarray, "samples"],
-    coefficients: Float[np.ndarray, "samples 16"],
     near: Nearest,
+    found: Foretold,
     *,
     largest: float,
     least: float,
-    interpolation: Interpolation,
 ) -> Plan:
     """Which places to add to the samples and which samples to drop.
 
-    A sample that its neighbours foretell (eq. 8, on coefficients) with a relative error above
-    ``largest`` gets new ones halfway to those neighbours that differ from it by more than that;
-    one that they foretell with less than ``least`` goes if this is true of no neighbour of it.
+    A sample that its neighbours foretell with a relative error above ``largest`` gets new ones
+    halfway to those neighbours that differ from it by more than that; one that they foretell with
+    less than ``least`` goes if this is true of no neighbour of it.
 
     Args:
-        places: all that could be samples.
+        places: all vertices.
+        allowed: which of them could be samples.
         samples: indices of those that are.
-        coefficients: of their maps.
         near: their neighbours, as indices into ``samples``.
+        found: how far off these are.
         largest, least: relative errors E_v,max and E_v,min.
-        interpolation: how neighbours foretell.
     """
-    own = places.take(samples)
-    share = weights(own, own, near, interpolation)
-    there = near.samples >= 0
-    around = coefficients[np.where(there, near.samples, 0)]
-    foretold = np.einsum("sk,skb->sb", share, around)
-    size = magnitude(coefficients)
-    error = (visibility_error(coefficients, foretold) / size).astype(np.float32)
-    pairs = visibility_error(coefficients[:, None], around) / size[:, None]
-    wanted = there & (error[:, None] > largest) & (pairs > largest)
-    insert = _between(places, samples, near, wanted, np.minimum(error[:, None], pairs))
-    erase = isolated(error < least, near)
-    return Plan(insert, erase, error)
+    need = np.minimum(found.error[:, None], found.pairs)
+    free = allowed.copy()
+    free[samples] = False
+    wanted = (near.samples >= 0) & (need > largest)
+    insert = _between(places, np.flatnonzero(free), samples, near, wanted, need)
+    return Plan(*insert, isolated(found.error < least, near))
 
 
 def _between(
     places: Places,
+    free: Int[np.ndarray, "free"],
     samples: Int[np.ndarray, "samples"],
     near: Nearest,
     wanted: Bool[np.ndarray, "samples near"],
-    need: Float[np.ndarray, "samples near"],
-) -> Int32[np.ndarray, "inserted"]:
-    """Places nearest the middles of pairs that are none of the samples, in order of need."""
+    need: Float32[np.ndarray, "samples near"],
+) -> tuple[Int32[np.ndarray, "inserted"], Float32[np.ndarray, "inserted"]]:
+    """Free places nearest the middles of pairs, and nearer than their ends, in order of need."""
     first, slot = np.nonzero(wanted)
-    if not len(first):
-        return np.zeros(0, np.int32)
-    a, b = samples[first], samples[near.samples[first, slot]]
-    middle = 0.5 * (places.positions[a] + places.positions[b])
-    normal = places.normals[a] + places.normals[b]
+    if not len(first) or not len(free):
+        return np.zeros(0, np.int32), np.zeros(0, np.float32)
+    a, b = (places.take(ends) for ends in (samples[first], samples[near.samples[first, slot]]))
+    normal = a.normals + b.normals
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    normal = normal / np.maximum(length, NEARER)
-    wanted_places = np.concatenate([middle, normal], axis=-1)
-    _, found = KDTree(places.joint).query(wanted_places, workers=core_count())
-    found = np.asarray(found)
-    taken = np.zeros(len(places.positions), bool)
-    taken[samples] = True
-    free = ~taken[found]
-    found, need = found[free], need[first, slot][free]
+    middle = Places.of(0.5 * (a.positions + b.positions), normal / np.maximum(length, NEARER), 1.0)
+    _, found = KDTree(places.joint[free]).query(middle.joint, workers=core_count())
+    found = free[np.asarray(found)]
+    apart = near.error[first, slot]
+    inside = geometric_error(places.take(found), middle) < 0.5 * apart
+    found, need = found[inside], need[first, slot][inside]
+    return most_needed(found, need, found)
+
+
+def most_needed(
+    places: Int[np.ndarray, "places"],
+    need: Float32[np.ndarray, "places"],
+    groups: Int[np.ndarray, "places"],
+) -> tuple[Int32[np.ndarray, "groups"], Float32[np.ndarray, "groups"]]:
+    """The most needed place of each group with its need, in order of that."""
     order = np.argsort(-need, kind="stable")
-    _, once = np.unique(found[order], return_index=True)
-    return found[order][np.sort(once)].astype(np.int32)
+    _, once = np.unique(groups[order], return_index=True)
+    chosen = order[np.sort(once)]
+    return places[chosen].astype(np.int32), need[chosen]

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float16, Float32, Int
+from jaxtyping import Bool, Float16, Float32, Int, Int32
 from tqdm.auto import tqdm
 
 from jaxvis.cache import cached_arrays
 from jaxvis.methods.backs import behind_surfaces
-from jaxvis.methods.distance_field.adapt import neighbours, plan
-from jaxvis.methods.distance_field.coefficients import map_coefficients
+from jaxvis.methods.distance_field.adapt import most_needed, neighbours, plan
 from jaxvis.methods.distance_field.field import ARRAYS, KIND, DistanceFields, packed
+from jaxvis.methods.distance_field.foretold import Measure, Seen, contested, foretold
 from jaxvis.methods.distance_field.initial import initial_samples
 from jaxvis.methods.distance_field.maps import Known, Traced, Views, adaptive_maps
 from jaxvis.methods.distance_field.neighbours import (
@@ -23,7 +23,7 @@ from jaxvis.methods.distance_field.neighbours import (
 )
 from jaxvis.methods.distance_field.rasterize import rasterized_maps
 from jaxvis.methods.touching import cleared_origins
-from jaxvis.methods.vertices import VertexSamples, vertex_samples
+from jaxvis.methods.vertices import VertexSamples, connected_surfaces, vertex_samples
 from jaxvis.scene import Hits, Scene, Surface
 from jaxvis.sphere.distance_host import signed_distances
 from jaxvis.sphere.frames import frames_on_host
@@ -36,6 +36,13 @@ HINTS = 4
 
 AT_ONCE = 1024
 """Samples filled between two steps of the progress bar."""
+
+NEARBY = 4.0
+"""Times alpha where samples speak for places: what is seen depends on where from, and normals tell
+little more than the side; initial samples rather follow the surface's bends."""
+
+CONTEST = 2.0
+"""What samples disagree by, over the error of what they say together: roughly, in smooth places."""
 
 EVEN = 5.0
 """alpha by which vertices that lie behind surfaces find others, where every vertex is sampled."""
@@ -60,6 +67,7 @@ class Spatial(NamedTuple):
     budget: float
     near: int
     interpolation: Interpolation
+    measure: Measure
 
 
 class Vertices(NamedTuple):
@@ -80,7 +88,8 @@ class Vertices(NamedTuple):
 
     def places(self, alpha: float) -> Places:
         """All of them, in lengths of the scene's diagonal over alpha."""
-        return Places.of(self.samples.positions, self.samples.normals, alpha / self.scene.diagonal)
+        placed, scale = self.samples, alpha / self.scene.diagonal
+        return Places.of(placed.positions, placed.normals, scale, connected_surfaces(placed))
 
 
 def in_view(vertices: Vertices, surface: Surface | None) -> Bool[np.ndarray, "vertices"]:
@@ -138,22 +147,14 @@ class Sampling:
     angular: Angular
     ids: Int[np.ndarray, "samples"]
     maps: Bool[np.ndarray, "samples n n"]
-    coefficients: Float32[np.ndarray, "samples 16"]
-    distances: Float16[np.ndarray, "known n n"]
-    """Of the first samples, which others made; the rest are transformed in the end."""
+    distances: Float16[np.ndarray, "samples n n"]
     rays: int = 0
 
     @staticmethod
     def none(vertices: Vertices, angular: Angular) -> "Sampling":
         size = angular.resolution
-        return Sampling(
-            vertices,
-            angular,
-            np.zeros(0, np.int32),
-            np.zeros((0, size, size), bool),
-            np.zeros((0, 16), np.float32),
-            np.zeros((0, size, size), np.float16),
-        )
+        maps = np.zeros((0, size, size), bool)
+        return Sampling(vertices, angular, np.zeros(0, np.int32), maps, maps.astype(np.float16))
 
     def adopt(
         self,
@@ -161,11 +162,10 @@ class Sampling:
         maps: Bool[np.ndarray, "adopted n n"],
         distances: Float16[np.ndarray, "adopted n n"],
     ) -> None:
-        """Takes samples over as they are, before any other."""
-        if len(self.ids):
-            raise ValueError("samples are taken over before others are added")
-        self.ids, self.maps, self.distances = ids, maps, distances
-        self.coefficients = map_coefficients(maps, self.vertices.frames[ids])
+        """Takes samples over as they are."""
+        self.ids = np.concatenate([self.ids, ids.astype(np.int32)])
+        self.maps = np.concatenate([self.maps, maps])
+        self.distances = np.concatenate([self.distances, distances])
 
     def add(
         self,
@@ -175,26 +175,22 @@ class Sampling:
         progress: bool = False,
     ) -> None:
         """Fills the maps of more vertices, which may look at one another for hints."""
-        maps, coefficients = [self.maps], [self.coefficients]
+        maps = [self.maps[:0]]
         with tqdm(total=len(ids), desc="maps", unit="sample", disable=not progress) as bar:
             for start in range(0, len(ids), AT_ONCE):
                 part = slice(start, start + AT_ONCE)
                 old = known and Known(known.maps[part], known.stale[part])
                 traced = fill_maps(self.vertices, self.angular, ids[part], places, old)
                 maps.append(traced.maps)
-                frames = self.vertices.frames[ids[part]]
-                coefficients.append(map_coefficients(traced.maps, frames))
                 self.rays += traced.rays
                 bar.update(len(ids[part]))
-        self.ids = np.concatenate([self.ids, ids.astype(np.int32)])
-        self.maps = np.concatenate(maps)
-        self.coefficients = np.concatenate(coefficients)
+        added = np.concatenate(maps)
+        self.adopt(ids, added, signed_distances(added))
 
     def keep(self, kept: Bool[np.ndarray, "samples"]) -> None:
         """Drops the other samples."""
-        self.distances = self.distances[kept[: len(self.distances)]]
         self.ids, self.maps = self.ids[kept], self.maps[kept]
-        self.coefficients = self.coefficients[kept]
+        self.distances = self.distances[kept]
 
 
 def fill_maps(
@@ -253,13 +249,14 @@ def place_samples(
 ) -> DistanceFields:
     """Samples where they are needed: initial ones, then rounds of insertion and erasure."""
     vertices = Vertices.of(scene)
-    places = vertices.places(spatial.alpha)
+    places = vertices.places(NEARBY * spatial.alpha)
     candidates = np.flatnonzero(in_view(vertices, surface))
     budget = sample_budget(spatial, len(vertices.samples.positions))
     sampling = Sampling.none(vertices, angular)
     if len(candidates):
         first = max(round(spatial.initial * budget), 1)
-        start = candidates[initial_samples(places.take(candidates), first)]
+        bends = vertices.places(spatial.alpha).take(candidates)
+        start = candidates[initial_samples(bends, first)]
         start = start[~buried(vertices, start)]
         sampling.add(start, places, progress=progress)
     adapt(sampling, places, candidates, spatial, budget, progress=progress)
@@ -286,29 +283,54 @@ def adapt(
     """Rounds of insertion and erasure until nothing changes, the budget is spent or rounds end."""
     allowed = np.zeros(len(places.positions), bool)
     allowed[candidates] = True
-    rejected = np.zeros(len(places.positions), bool)
-    for _ in range(spatial.rounds if rounds is None else rounds):
+    rounds = spatial.rounds if rounds is None else rounds
+    for left in range(rounds, 0, -1):
         if len(sampling.ids) < 2:
             return
-        near = neighbours(places.take(sampling.ids))
+        own = places.take(sampling.ids)
+        near = neighbours(own)
+        seen = Seen(sampling.maps, sampling.distances, sampling.vertices.frames[sampling.ids])
+        share = weights(own, own, near, spatial.interpolation)
         change = plan(
             places,
+            allowed,
             sampling.ids,
-            sampling.coefficients,
             near,
+            foretold(seen, near, share, spatial.measure),
             largest=spatial.largest,
             least=spatial.least,
-            interpolation=spatial.interpolation,
         )
-        insert = change.insert[allowed[change.insert] & ~rejected[change.insert]]
+        insert, need = change.insert, change.need
+        if spatial.measure == "distances":
+            free = np.setdiff1d(np.flatnonzero(allowed), sampling.ids)
+            doubtful, doubt = _contested(seen, own, places, free, spatial)
+            groups = np.concatenate([insert, doubtful])
+            insert, _ = most_needed(groups, np.concatenate([need, doubt]), groups)
         sampling.keep(~change.erase)
-        insert = insert[: max(budget - len(sampling.ids), 0)]
+        # Half of what is left, for what only shows when there are more samples.
+        room = max(budget - len(sampling.ids), 0)
+        insert = insert[: room if left == 1 else -(-room // 2)]
         hidden = buried(sampling.vertices, insert)
-        rejected[insert[hidden]] = True
-        insert = insert[~hidden]
-        if not len(insert):
+        allowed[insert[hidden]] = False
+        if hidden.all():
             return
-        sampling.add(insert, places, progress=progress)
+        sampling.add(insert[~hidden], places, progress=progress)
+
+
+def _contested(
+    seen: Seen,
+    own: Places,
+    places: Places,
+    free: Int[np.ndarray, "free"],
+    spatial: Spatial,
+) -> tuple[Int32[np.ndarray, "inserted"], Float32[np.ndarray, "inserted"]]:
+    """Vertices about which samples disagree, the most contested one by each sample, and errors."""
+    at = places.take(free)
+    near = nearest_samples(own, at, spatial.near)
+    share = weights(own, at, near, spatial.interpolation)
+    error = contested(seen, frames_on_host(at.normals), near, share) / np.float32(CONTEST)
+    doubtful = error > spatial.largest
+    return most_needed(free[doubtful], error[doubtful], near.samples[doubtful, 0])
 
 
 def distance_fields(
@@ -329,10 +351,8 @@ def distance_fields(
     all_weights = np.zeros((count, near), np.float32)
     all_weights[candidates] = share
     placed = vertices.samples
-    known = len(sampling.distances)
-    distances = signed_distances(sampling.maps[known:])
     return DistanceFields(
-        signed_distance=np.concatenate([sampling.distances, distances]) if known else distances,
+        signed_distance=sampling.distances,
         frames=vertices.frames[sampling.ids],
         bits=packed(sampling.maps),
         samples=sampling.ids,

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxvis.compiled import compiled
 from jaxvis.methods.distance_field.build import (
+    NEARBY,
     Angular,
     Sampling,
     Spatial,
@@ -66,7 +67,7 @@ def carry_over(
     turned = moved | np.any(np.asarray(previous.normals) != placed.normals, axis=-1)
     shown = in_view(vertices, surface)
     candidates = np.flatnonzero(shown)
-    places = vertices.places(spatial.alpha)
+    places = vertices.places(NEARBY * spatial.alpha)
 
     ids = np.asarray(previous.samples)
     used = shown[ids]

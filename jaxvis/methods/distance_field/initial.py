@@ -89,7 +89,7 @@ def _means(
     if len(empty):
         worst = np.argsort(-error, kind="stable")[: len(empty)]
         position[empty], normal[empty] = places.positions[worst], places.normals[worst]
-    return Places(position.astype(np.float32), normal.astype(np.float32))
+    return Places.of(position, normal, 1.0)
 
 
 @compiled

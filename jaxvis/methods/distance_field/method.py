@@ -21,6 +21,8 @@ from jaxvis.methods.distance_field.build import (
 )
 from jaxvis.methods.distance_field.carry import carry_over
 from jaxvis.methods.distance_field.field import DistanceFields
+from jaxvis.methods.distance_field.foretold import Measure, check_measure
+from jaxvis.methods.distance_field.light import LobesAndSpheres
 from jaxvis.methods.distance_field.maps import check_resolution
 from jaxvis.methods.distance_field.neighbours import Interpolation, check_interpolation
 from jaxvis.methods.distance_field.shade import shade_view, view_of
@@ -52,7 +54,7 @@ class DistanceField(Method):
     resolution: int = 128
     lights: int = 512
     lobes: Lobes = "cells"
-    fill: Rays = "dense"
+    fill: Fill = "dense"
     coarsest: int = 16
 
     def __post_init__(self) -> None:
@@ -77,11 +79,13 @@ class DistanceField(Method):
             key, lambda: sample_every_vertex(scene, self._angular, progress=progress)
         )
 
-    def light(self, environment: Environment) -> SphericalGaussians:
-        """The environment as ``lights`` lobes."""
+    def light(self, environment: Environment) -> LobesAndSpheres:
+        """The environment as ``lights`` lobes, and its spheres as they are."""
         if self.lobes == "fitted":
-            return fit_gaussians(environment, self.lights).lobes
-        return cell_gaussians(environment, self.lights)
+            lobes = fit_gaussians(environment, self.lights).lobes
+        else:
+            lobes = cell_gaussians(environment, self.lights)
+        return LobesAndSpheres(lobes.axis, lobes.sharpness, lobes.amplitude, environment.spheres)
 
     def shade(
         self,
@@ -94,15 +98,18 @@ class DistanceField(Method):
     ) -> Float[Array, "height width 3"]:
         """Differentiable in the light, the materials and the distances.
 
+        Sphere lights are lobes that differ from place to place. Visibility maps have no depth: what
+        lies behind a sphere shadows it as if it lay before it.
+
         Raises:
             ValueError: the surface shows what was not sampled; says what to do.
         """
         return shade_view(visibility, light, view_of(visibility, surface), surface)
 
     def evaluations(
-        self, visibility: DistanceFields, light: SphericalGaussians, surface: Surface
+        self, visibility: DistanceFields, light: LobesAndSpheres, surface: Surface
     ) -> int:
-        return int(jnp.sum(surface.mask)) * int(light.sharpness.shape[0])
+        return int(jnp.sum(surface.mask)) * light.count
 
     @property
     def _angular(self) -> Angular:
@@ -115,30 +122,33 @@ class AdaptiveVisibility(DistanceField):
 
     Samples start as the vertices nearest k-means centres under e_g = ``alpha`` x distance / the
     scene's diagonal + normal difference (eq. 6), ``initial`` of the budget of them. In each of
-    ``rounds`` rounds a sample whose neighbours foretell its visibility (eqs. 7 and 8) with a
-    relative error above ``largest`` gets new ones between it and them, and one that they foretell
-    to ``least`` is dropped if that is true of none of its neighbours. ``budget`` is the most
-    samples, as a share of the vertices. Vertices take distances from the ``near`` nearest samples,
-    with weights that are exact for linear functions (``interpolation="linear"``) or the paper's
-    (``"inverse"``).
+    ``rounds`` rounds a sample whose neighbours foretell its visibility (eq. 8) with a relative
+    error above ``largest`` gets new ones between it and them, and one that they foretell to
+    ``least`` is dropped if that is true of none of its neighbours. The error is that of signed
+    distances, which are what is interpolated (``measure="distances"``), or the paper's eq. 7
+    (``"coefficients"``). ``budget`` is the most samples, as a share of the vertices. Vertices take
+    distances from the ``near`` nearest samples, with weights that are exact for linear functions
+    (``interpolation="linear"``) or the paper's (``"inverse"``).
 
     The paper's alpha is 0.1 to 0.5 in a scene "normalised" to a size that it does not tell; in
     scenes scaled to a diagonal of 1, several times that measured better.
     """
 
-    fill: Fill = "adaptive"  # type: ignore
+    fill: Fill = "adaptive"
     largest: float = 0.10
     least: float = 0.05
     alpha: float = 5.0
-    initial: float = 0.5
+    initial: float = 0.4
     rounds: int = 4
     budget: float = 0.12
     near: int = 8
     interpolation: Interpolation = "linear"
+    measure: Measure = "distances"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_interpolation(self.interpolation)
+        check_measure(self.measure)
         for name in ("alpha", "budget"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
@@ -186,6 +196,7 @@ class AdaptiveVisibility(DistanceField):
             self.budget,
             self.near,
             self.interpolation,
+            self.measure,
         )
 
 
@@ -195,7 +206,7 @@ class ShadowMaps(AdaptiveVisibility):
     triangles into a hemicube at its sample, without rays.
     """
 
-    fill: Fill = "rasterized"  # type: ignore
+    fill: Fill = "rasterized"
 
     def _fills(self) -> tuple[str, ...]:
         return ("rasterized",)

@@ -3,7 +3,7 @@
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int32
 from scipy.spatial import KDTree
 
 from jaxvis.compiled import compiled
@@ -18,6 +18,13 @@ OPPOSED = 0.5
 """Cosine below which a sample's normal is another side's, as long as :data:`FEWEST` remain."""
 
 FEWEST = 3
+"""Samples that are enough to leave out those that face another way or are on other surfaces."""
+
+LARGEST_SUM = 1.5
+"""Of the weights' absolute values: linear functions are not continued far beyond the samples."""
+
+ELSEWHERE = 100.0
+"""Distance between surfaces in the joint space, more than their places can be apart."""
 
 STIFFNESS = 3e-3
 """How soon the linear fit gives way to the constant one where samples stand in a line."""
@@ -29,20 +36,25 @@ class Places(NamedTuple):
     positions: Float32[np.ndarray, "places 3"]
     """Times alpha, over the scene's diagonal."""
     normals: Float32[np.ndarray, "places 3"]
+    parts: Int32[np.ndarray, "places"]
+    """Which connected surface each is on."""
 
     @staticmethod
     def of(
         positions: Float[np.ndarray, "places 3"],
         normals: Float[np.ndarray, "places 3"],
         scale: float,
+        parts: Int[np.ndarray, "places"] | None = None,
     ) -> "Places":
-        """Positions are multiplied by ``scale``, alpha over the scene's diagonal."""
+        """Positions are multiplied by ``scale``, alpha over the scene's diagonal. All are on one
+        surface unless ``parts`` tells."""
         scaled = np.ascontiguousarray(scale * positions, np.float32)
-        return Places(scaled, np.ascontiguousarray(normals, np.float32))
+        parts = np.zeros(len(scaled), np.int32) if parts is None else parts.astype(np.int32)
+        return Places(scaled, np.ascontiguousarray(normals, np.float32), parts)
 
     def take(self, chosen: np.ndarray) -> "Places":
         """Some of them."""
-        return Places(self.positions[chosen], self.normals[chosen])
+        return Places(*(field[chosen] for field in self))
 
     @property
     def joint(self) -> Float32[np.ndarray, "places 6"]:
@@ -58,6 +70,8 @@ class Nearest(NamedTuple):
 
     samples: Int32[np.ndarray, "places near"]
     error: Float32[np.ndarray, "places near"]
+    connected: Bool[np.ndarray, "places near"]
+    """Whether sample and place are on one connected surface."""
 
 
 def geometric_error(a: Places, b: Places) -> Float32[np.ndarray, "*places"]:
@@ -67,28 +81,38 @@ def geometric_error(a: Places, b: Places) -> Float32[np.ndarray, "*places"]:
 
 
 def nearest_samples(samples: Places, places: Places, count: int) -> Nearest:
-    """The ``count`` samples of least e_g among twice as many nearest in the joint space."""
-    pool = min(2 * count, len(samples.positions))
-    if not pool:
-        empty = np.full((len(places.positions), count), -1, np.int32)
-        return Nearest(empty, np.full(empty.shape, np.inf, np.float32))
-    _, found = KDTree(samples.joint).query(places.joint, pool, workers=core_count())
-    found = np.reshape(found, (len(places.positions), pool))
-    error = geometric_error(
-        Places(places.positions[:, None], places.normals[:, None]), samples.take(found)
-    )
-    order = np.argsort(error, axis=1, kind="stable")[:, :count]
+    """The ``count`` samples of least e_g, those on each place's own surface before all others.
+
+    They are chosen among twice as many nearest in the joint space.
+    """
+    found = _pool(samples, places, min(2 * count, len(samples.positions)))
+    error = geometric_error(Places(*(f[:, None] for f in places)), samples.take(found))
+    connected = samples.parts[found] == places.parts[:, None]
+    order = np.lexsort((error, ~connected), axis=1)[:, :count]
     missing = ((0, 0), (0, count - order.shape[1]))
+    fields = (found.astype(np.int32), -1), (error.astype(np.float32), np.inf), (connected, False)
     return Nearest(
-        np.pad(
-            np.take_along_axis(found, order, axis=1).astype(np.int32), missing, constant_values=-1
-        ),
-        np.pad(
-            np.take_along_axis(error, order, axis=1).astype(np.float32),
-            missing,
-            constant_values=np.inf,
-        ),
+        *(
+            np.pad(np.take_along_axis(values, order, axis=1), missing, constant_values=none)
+            for values, none in fields
+        )
     )
+
+
+def _pool(samples: Places, places: Places, count: int) -> Int[np.ndarray, "places count"]:
+    """Samples nearest to places in the joint space, on the same surface where it has any."""
+    if not count:
+        return np.zeros((len(places.positions), 0), np.int64)
+    workers = core_count()
+    tree = KDTree(np.column_stack([samples.joint, ELSEWHERE * samples.parts]))
+    joint = np.column_stack([places.joint, ELSEWHERE * places.parts])
+    found = tree.query(joint, count, workers=workers)[1].reshape(len(joint), count)
+    # Surfaces without samples take those of others, whose numbers mean nothing.
+    bare = ~np.isin(places.parts, samples.parts)
+    if bare.any():
+        tree = KDTree(samples.joint)
+        found[bare] = tree.query(places.joint[bare], count, workers=workers)[1].reshape(-1, count)
+    return found
 
 
 def check_interpolation(interpolation: str) -> None:
@@ -110,8 +134,9 @@ def weights(
     functions that are linear over the tangent plane nearly exact (a moving least squares fit, held
     back where samples stand in a line, with weights
     1 / e_g^2 that fall to 0 at the last sample, so that nothing jumps where the set changes);
-    weights may then be negative. A place on a sample has that sample's value. Samples whose normals
-    are more than 60 degrees away do not count if enough others are near.
+    weights may then be negative. A place on a sample has that sample's value. Samples that are on
+    surfaces not connected with the place's, or whose normals are more than 60 degrees away, do not
+    count if enough others are near.
     """
     check_interpolation(interpolation)
     result = np.zeros(near.samples.shape, np.float32)
@@ -122,6 +147,7 @@ def weights(
         places.normals,
         near.samples,
         near.error,
+        near.connected,
         interpolation == "linear",
         result,
     )
@@ -136,44 +162,68 @@ def isolated(candidates: Bool[np.ndarray, "samples"], near: Nearest) -> Bool[np.
 
 
 @compiled
-def _weigh(positions, normals, at, upright, near, error, linear, result):
+def _weigh(positions, normals, at, upright, near, error, connected, linear, result):
+    slots = near.shape[1]
+    usable = np.zeros(slots, np.bool_)
     for place in range(len(at)):
-        count = 0
-        facing = 0
-        for k in range(near.shape[1]):
-            if near[place, k] >= 0:
-                count += 1
-                m = normals[near[place, k]]
-                n = upright[place]
-                facing += m[0] * n[0] + m[1] * n[1] + m[2] * n[2] >= OPPOSED
-        if count == 0:
-            continue
-        if error[place, 0] <= NEARER:
+        if slots and near[place, 0] >= 0 and error[place, 0] <= NEARER:
             result[place, 0] = 1.0
             continue
-        far = error[place, count - 1] * 1.001
+        chosen = _choose(normals, upright[place], near[place], connected[place], usable)
+        if chosen == 0:
+            continue
+        far = 0.0
+        for k in range(slots):
+            if usable[k]:
+                far = max(far, error[place, k] * 1.001)
         total = 0.0
-        for k in range(count):
-            m = normals[near[place, k]]
-            n = upright[place]
-            if facing >= FEWEST and m[0] * n[0] + m[1] * n[1] + m[2] * n[2] < OPPOSED:
+        for k in range(slots):
+            if not usable[k]:
                 continue
             weight = 1.0 / (error[place, k] + NEARER)
             if linear:
                 weight *= weight
-                if count > FEWEST:
+                if chosen > FEWEST:
                     weight *= 1.0 - error[place, k] / far
             result[place, k] = weight
             total += weight
-        for k in range(count):
+        for k in range(slots):
             result[place, k] /= total
         if linear:
-            _make_linear(positions, at[place], upright[place], near[place], count, result[place])
+            _make_linear(positions, at[place], upright[place], near[place], result[place])
 
 
 @compiled
-def _make_linear(positions, at, normal, near, count, weights):
-    """Multiplies the weights by the linear function that makes first moments zero."""
+def _choose(normals, upright, near, connected, usable):
+    """Connected samples that face the same way; if these are few, all that face the same way, or
+    all. Returns how many."""
+    both = 0
+    facing = 0
+    there = 0
+    for k in range(len(near)):
+        usable[k] = False
+        if near[k] < 0:
+            continue
+        m = normals[near[k]]
+        usable[k] = m[0] * upright[0] + m[1] * upright[1] + m[2] * upright[2] >= OPPOSED
+        there += 1
+        facing += usable[k]
+        both += usable[k] and connected[k]
+    for k in range(len(near)):
+        if both >= FEWEST:
+            usable[k] = usable[k] and connected[k]
+        elif facing < FEWEST:
+            usable[k] = near[k] >= 0
+    if both >= FEWEST:
+        return both
+    return facing if facing >= FEWEST else there
+
+
+@compiled
+def _make_linear(positions, at, normal, near, weights):
+    """Multiplies the weights by the linear function that makes first moments zero, or by what lies
+    between it and 1 where weights would grow too large."""
+    count = len(near)
     sign = 1.0 if normal[2] >= 0.0 else -1.0  # Duff et al. 2017, as in jaxvis.sphere.frames
     a = -1.0 / (sign + normal[2])
     b = normal[0] * normal[1] * a
@@ -206,5 +256,10 @@ def _make_linear(positions, at, normal, near, count, weights):
     determinant = uu * vv - uv * uv
     slope_u = (vv * mean_u - uv * mean_v) / determinant
     slope_v = (uu * mean_v - uv * mean_u) / determinant
+    total = 0.0
     for k in range(count):
-        weights[k] *= 1.0 - slope_u * (u[k] - mean_u) - slope_v * (v[k] - mean_v)
+        u[k] = slope_u * (u[k] - mean_u) + slope_v * (v[k] - mean_v)
+        total += abs(weights[k] * (1.0 - u[k]))
+    part = min(1.0, (LARGEST_SUM - 1.0) / max(total - 1.0, 1e-12))
+    for k in range(count):
+        weights[k] *= 1.0 - part * u[k]

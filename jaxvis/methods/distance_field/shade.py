@@ -3,6 +3,11 @@
 The light is a list of lobes; what a pixel sees of each follows from the signed distance along the
 lobe's axis. As the axes are the same for all pixels, distances are read once for every sample,
 interpolated at the vertices, and again over the triangles: no map is read for a pixel.
+
+A sphere light is a lobe whose axis and width depend on the place. Its distances are read along the
+direction from each sample to the sphere's centre; cosines and the lobe are those of the pixel. Maps
+do not say how far away an occluder is: what stands behind a sphere shadows it like what stands
+before it.
 """
 
 import functools
@@ -11,7 +16,7 @@ import operator
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,8 +25,10 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxvis.cores import core_count
+from jaxvis.lighting import SphereLights
 from jaxvis.methods.distance_field.fetch import signed_distances_at
 from jaxvis.methods.distance_field.field import DistanceFields, corners_seen
+from jaxvis.methods.distance_field.light import LobesAndSpheres
 from jaxvis.reflectance import Lambert, MaterialValues, Reflectance
 from jaxvis.reflectance.model import Cosines, Terms
 from jaxvis.scene import Surface
@@ -37,6 +44,9 @@ from jaxvis.sphere.gaussians import (
 LOBES_AT_ONCE = 64
 """Whose distances are held for all vertices: rows long enough to be read fast."""
 
+SPHERES_AT_ONCE = 16
+"""The same of sphere lights, whose axes are held for all samples."""
+
 PIXELS_AT_ONCE = 1 << 11
 """That meet these lobes at once: what is computed for them stays in the cache."""
 
@@ -51,6 +61,7 @@ class Fragments:
     barycentrics: Float[Array, "*pixels 3"]
     normal: Float[Array, "*pixels 3"]
     view: Float[Array, "*pixels 3"]
+    position: Float[Array, "*pixels 3"]
     material: MaterialValues
 
 
@@ -71,6 +82,22 @@ class Samples(NamedTuple):
 
     signed_distance: Array
     frames: Array
+    positions: Array
+
+
+class Lobes(NamedTuple):
+    """A block of lobes as some places see them."""
+
+    axis: tuple[Array, Array, Array]
+    """Components, [lobes] or [pixels, lobes], as is what follows."""
+    sharpness: Float[Array, "*#pixels lobes"]
+    constants: HalfSpace
+    solid_angle: Float[Array, "*#pixels lobes"]
+    energy: Float[Array, "lobes 3"]
+    """Times the solid angle, the light of a lobe."""
+
+
+Towards = Callable[[Fragments], Lobes]
 
 
 def view_of(fields: DistanceFields, surface: Surface) -> View:
@@ -109,6 +136,7 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
         listed(gather(surface.barycentrics)),
         listed(gather(surface.normal)),
         listed(gather(surface.view)),
+        listed(gather(surface.position)),
         jax.tree.map(lambda leaf: listed(gather(leaf)), surface.material),
     )
     return View(
@@ -133,17 +161,22 @@ def _padded(rows: np.ndarray, count: int) -> np.ndarray:
 
 
 def shade_view(
-    fields: DistanceFields, lobes: SphericalGaussians, view: View, surface: Surface
+    fields: DistanceFields, light: SphericalGaussians, view: View, surface: Surface
 ) -> Float[Array, "height width 3"]:
-    """The image."""
+    """The image; spheres light it where ``light`` is a :class:`LobesAndSpheres` that has some."""
     count = padded_length(len(fields.frames))
-    samples = Samples(
-        jnp.asarray(_rows(fields.signed_distance, count)), jnp.asarray(_rows(fields.frames, count))
-    )
+    places = np.asarray(fields.positions)[np.asarray(fields.samples)]
+    leaves = fields.signed_distance, fields.frames, places
+    samples = Samples(*(jnp.asarray(_rows(leaf, count)) for leaf in leaves))
+    lobes = SphericalGaussians(light.axis, light.sharpness, light.amplitude)
+    spheres = light.spheres if isinstance(light, LobesAndSpheres) else None
+    if spheres is not None:
+        spheres = spheres.seen_from(surface.origin)
     shade = functools.partial(
         radiance_of, samples, view.near, view.weights, reflectance=surface.reflectance
     )
-    radiance = _in_threads(lambda part: shade(part, lobes), view.fragments, (lobes, samples))
+    lights = lobes, spheres
+    radiance = _in_threads(lambda part: shade(part, *lights), view.fragments, (lights, samples))
     flat = jnp.zeros((surface.mask.size, 3), jnp.float32)
     flat = flat.at[view.pixel].set(radiance, mode="drop")
     return surface.to_image(flat.reshape(*surface.mask.shape, 3))
@@ -185,37 +218,61 @@ def radiance_of(
     weights: Float[Array, "in_view near"],
     fragments: Fragments,
     lobes: SphericalGaussians,
+    spheres: SphereLights | None = None,
     *,
     reflectance: Reflectance,
 ) -> Float[Array, "pixels 3"]:
-    """Radiance that each fragment sends to the viewer."""
-    blocks = _in_blocks(lobes)
+    """Radiance that each fragment sends to the viewer; spheres are in its coordinates."""
     chunked = jax.tree.map(
         lambda leaf: leaf.reshape(-1, min(PIXELS_AT_ONCE, len(leaf)), *leaf.shape[1:]), fragments
     )
 
-    def add_block(total: Terms, block: SphericalGaussians) -> tuple[Terms, None]:
-        at_samples = signed_distances_at(samples.signed_distance, samples.frames, block.axis)
+    def light_of(axes: Float[Array, "*samples lobes 3"], towards: Towards) -> Terms:
+        """Of a block of lobes, along these axes from the samples."""
+        at_samples = signed_distances_at(samples.signed_distance, samples.frames, axes)
         at_vertices = _added(
             weights[:, k : k + 1] * jnp.take(at_samples, near[:, k], axis=0, mode="clip")
             for k in range(near.shape[1])
         )
-        constants = half_space_constants(block.sharpness)
-        seen = jax.lax.map(
-            jax.checkpoint(
-                lambda part: _light_terms(part, at_vertices, block, constants, reflectance)
-            ),
-            chunked,
-        )
+
+        def terms(part: Fragments) -> Terms:
+            return _light_terms(part, at_vertices, towards(part), reflectance)
+
+        return jax.lax.map(jax.checkpoint(terms), chunked)
+
+    def add_block(total: Terms, block: SphericalGaussians) -> tuple[Terms, None]:
+        seen = light_of(block.axis, _from_infinity(block))
+        return Terms(*(t + s for t, s in zip(total, seen, strict=True))), None
+
+    def add_spheres(total: Terms, block: SphereLights) -> tuple[Terms, None]:
+        seen = light_of(block.cones(samples.positions).axis, functools.partial(_at_places, block))
         return Terms(*(t + s for t, s in zip(total, seen, strict=True))), None
 
     shape = chunked.normal.shape
     # Lambert has one term alone.
-    dark = Terms(*(jnp.zeros(shape if used else shape[:1]) for used in _used(reflectance)))
-    total, _ = jax.lax.scan(add_block, dark, blocks)
+    total = Terms(*(jnp.zeros(shape if used else shape[:1]) for used in _used(reflectance)))
+    total, _ = jax.lax.scan(add_block, total, _in_blocks(lobes, LOBES_AT_ONCE))
+    if spheres is not None:
+        total, _ = jax.lax.scan(add_spheres, total, _in_blocks(spheres, SPHERES_AT_ONCE))
     flat = [t.reshape(-1, 3) if t.ndim == 3 else jnp.zeros((1, 3)) for t in total]
     colours = reflectance.colours(fragments.material)
     return _added(colour * light for colour, light in zip(colours, flat, strict=True))
+
+
+def _from_infinity(block: SphericalGaussians) -> Towards:
+    """Lobes that are the same everywhere."""
+    x, y, z = (block.axis[:, k] for k in range(3))
+    constants = half_space_constants(block.sharpness)
+    lobes = Lobes((x, y, z), block.sharpness, constants, jnp.ones(()), block.integral())
+    return lambda part: lobes
+
+
+def _at_places(block: SphereLights, part: Fragments) -> Lobes:
+    """Spheres as lobes, as each pixel sees them."""
+    cones = block.cones(part.position)
+    constants = half_space_constants(cones.sharpness)
+    axis = cones.x, cones.y, cones.z
+    return Lobes(axis, cones.sharpness, constants, cones.solid_angle, block.radiance)
 
 
 def _added(terms: Iterable[Array]) -> Array:
@@ -230,30 +287,28 @@ def _used(reflectance: Reflectance) -> tuple[bool, bool, bool]:
 def _light_terms(
     part: Fragments,
     at_vertices: Float[Array, "in_view lobes"],
-    block: SphericalGaussians,
-    constants: HalfSpace,
+    lobes: Lobes,
     reflectance: Reflectance,
 ) -> Terms:
     """Light of a block of lobes, [pixels, 3] for each term of the reflectance."""
     b = part.barycentrics
     at_corners = (jnp.take(at_vertices, part.corners[:, k], axis=0, mode="clip") for k in range(3))
     distance = _added(b[:, k : k + 1] * rows for k, rows in enumerate(at_corners))
-    energy = block.integral()
-    visible = share_of(distance, constants)
-    towards = _dots(part.normal, block.axis)
-    cos_light = _mean_cosine(towards, block.sharpness)
+    visible = share_of(distance, lobes.constants) * lobes.solid_angle
+    towards = _dots(part.normal, lobes.axis)
+    cos_light = _mean_cosine(towards, lobes.sharpness)
     if isinstance(reflectance, Lambert):
         unused = jnp.zeros(())
-        return Terms((visible * cos_light * (1.0 / jnp.pi)) @ energy, unused, unused)
+        return Terms((visible * cos_light * (1.0 / jnp.pi)) @ lobes.energy, unused, unused)
     cos_view = dot(part.normal, part.view)[:, None]
-    cosines = Cosines.of(cos_view, towards, _dots(part.view, block.axis))
+    cosines = Cosines.of(cos_view, towards, _dots(part.view, lobes.axis))
     cosines = cosines._replace(light=cos_light)
-    terms = reflectance.terms(_widened(part.material, block.sharpness, cosines), cosines)
-    return Terms(*((visible * term) @ energy for term in terms))
+    terms = reflectance.terms(_widened(part.material, lobes.sharpness, cosines), cosines)
+    return Terms(*((visible * term) @ lobes.energy for term in terms))
 
 
 def _mean_cosine(
-    cosine: Float[Array, "pixels lobes"], sharpness: Float[Array, "lobes"]
+    cosine: Float[Array, "pixels lobes"], sharpness: Float[Array, "*#pixels lobes"]
 ) -> Float[Array, "pixels lobes"]:
     """The clamped cosine's mean over lobes, whose cosines are taken for normally distributed.
 
@@ -270,7 +325,7 @@ def _mean_cosine(
 
 
 def _widened(
-    material: MaterialValues, sharpness: Float[Array, "lobes"], cosines: Cosines
+    material: MaterialValues, sharpness: Float[Array, "*#pixels lobes"], cosines: Cosines
 ) -> MaterialValues:
     """Materials as they reflect lobes instead of points: facets spread by the light's own width.
 
@@ -293,20 +348,24 @@ def _widened(
 
 
 def _dots(
-    points: Float[Array, "pixels 3"], axes: Float[Array, "lobes 3"]
+    points: Float[Array, "pixels 3"], axes: tuple[Array, Array, Array]
 ) -> Float[Array, "pixels lobes"]:
-    return points[:, 0:1] * axes[:, 0] + points[:, 1:2] * axes[:, 1] + points[:, 2:3] * axes[:, 2]
+    return _added(points[:, k : k + 1] * component for k, component in enumerate(axes))
 
 
-def _in_blocks(lobes: SphericalGaussians) -> SphericalGaussians:
-    """[blocks, lobes of a block, ...]; black lobes fill the last."""
-    count = lobes.sharpness.shape[0]
-    size = min(LOBES_AT_ONCE, count)
-    missing = -count % size
-    dark = SphericalGaussians(
-        jnp.tile(jnp.array([[0.0, 1.0, 0.0]]), (missing, 1)),
-        jnp.ones(missing),
-        jnp.zeros((missing, 3)),
-    )
-    padded = jax.tree.map(lambda leaf, rest: jnp.concatenate([leaf, rest]), lobes, dark)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), padded)
+Lights = TypeVar("Lights", SphericalGaussians, SphereLights)
+
+
+def _in_blocks(lights: Lights, most: int) -> Lights:
+    """[blocks, lights of a block, ...] of at most so many; black ones fill the last."""
+    # Axis or position, sharpness or radius, amplitude or radiance.
+    leaves, structure = jax.tree.flatten(lights)
+    count = leaves[0].shape[0]
+    size = min(most, count)
+
+    def blocks(leaf: Array, black: float | tuple[float, ...]) -> Array:
+        filling = jnp.broadcast_to(jnp.asarray(black), (-count % size, *leaf.shape[1:]))
+        return jnp.concatenate([leaf, filling]).reshape(-1, size, *leaf.shape[1:])
+
+    fillings = (0.0, 1.0, 0.0), 1.0, 0.0
+    return structure.unflatten([blocks(*pair) for pair in zip(leaves, fillings, strict=True)])

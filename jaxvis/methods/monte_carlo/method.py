@@ -15,6 +15,7 @@ from jaxvis.methods.estimators import (
     Counts,
     MonteCarloLight,
     proposals,
+    sphere_proposal,
     tossed_proposal,
 )
 from jaxvis.methods.traced import (
@@ -40,6 +41,9 @@ class MonteCarlo(Method):
     model's sampling density; ``mis``, half of the rays from each of the last two, weighted by the
     balance heuristic (Veach and Guibas 1995). ``compensation`` sharpens the environment's density
     for ``mis`` (Karlik et al. 2019, "MIS Compensation").
+
+    Sphere lights, where the environment has any, get ``spp`` rays more, shared among them and
+    uniform over the cones that they subtend, whatever the strategy.
     """
 
     strategy: Strategy = "mis"
@@ -88,12 +92,17 @@ class MonteCarlo(Method):
             proposed = [tossed_proposal(light, words, reflectance)]
         else:
             proposed = proposals(self.counts, light, words, reflectance)
+        samples = max(1, int(max(self.counts)))
+        spheres = light.environment.seen_from(surface.origin).spheres
+        if spheres is not None:
+            proposed.append(sphere_proposal(spheres, words, self.spp, reflectance))
+            samples = self.spp
         with tqdm(total=len(points.pixel), desc="shading", unit="px", disable=not progress) as bar:
             radiance = trace_and_sum(
                 visibility.tracer,
                 points,
                 proposed,
-                max(1, int(max(self.counts))),
+                samples,
                 rays_per_chunk=self.rays_per_chunk,
                 advance=bar.update,
             )
@@ -109,7 +118,8 @@ class MonteCarlo(Method):
     def evaluations(
         self, visibility: RayVisibility, light: MonteCarloLight, surface: Surface
     ) -> int:
-        return self.spp * int(jnp.sum(surface.mask))
+        lit_by = 1 if light.environment.spheres is None else 2
+        return lit_by * self.spp * int(jnp.sum(surface.mask))
 
 
 def compensated(luminance: Float[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:

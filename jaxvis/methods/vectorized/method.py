@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Float32
 
 from jaxvis.cache import cached_arrays, content_hash
 from jaxvis.lighting import Environment
-from jaxvis.methods.base import Method
+from jaxvis.methods.base import Method, refuse_spheres
 from jaxvis.methods.vectorized.contrast import contrast
 from jaxvis.methods.vectorized.correspondence.interpolated import polygons_of
 from jaxvis.methods.vectorized.correspondence.triples import CorrespondingPolygons
@@ -140,7 +140,12 @@ class VectorizedVisibility(Method):
         return _cached(content_hash(key, tuple(self._goal)), refine)
 
     def light(self, environment: Environment) -> PolygonLight:
-        """Summed-area tables of the environment, and its Phong lobes."""
+        """Summed-area tables of the environment, and its Phong lobes.
+
+        Raises:
+            ValueError: it has local lights.
+        """
+        refuse_spheres(environment, self)
         return polygon_light(environment, lookup=self.lookup, sharpness=self.sharpness)
 
     def shade(

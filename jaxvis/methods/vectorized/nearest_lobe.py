@@ -5,7 +5,7 @@ factor n.l (paper 000, eq. 13). Phong's lobe as in the paper is one; the others 
 one that reflects exactly as much of a uniform sky.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import jax
@@ -149,12 +149,16 @@ def _fitted_table(reflectance: GlossyReflectance) -> Table:
     the square of the lobe would have. That finds Phong lobes exactly, and of others the core.
     """
     cosine, roughness = np.broadcast_arrays(*_nodes())
-    with jax.ensure_compile_time_eval():
-        light, full, faint = _samples(reflectance, cosine.ravel(), roughness.ravel())
-    albedo = full.mean(axis=-1)
-    rise = (faint.mean(axis=-1) - FAINTEST_SPECULAR * albedo) / (1.0 - FAINTEST_SPECULAR)
     cosine, roughness = cosine.ravel(), roughness.ravel()
     sine = np.sqrt(1.0 - cosine * cosine)
+    views = np.stack([sine, np.zeros_like(sine), cosine], axis=-1)
+    with jax.ensure_compile_time_eval():
+        samples = _samples(
+            reflectance, jnp.asarray(views, jnp.float32), jnp.asarray(roughness, jnp.float32)
+        )
+    light, full, faint = (np.asarray(values, np.float64) for values in samples)
+    albedo = full.mean(axis=-1)
+    rise = (faint.mean(axis=-1) - FAINTEST_SPECULAR * albedo) / (1.0 - FAINTEST_SPECULAR)
     axis = np.stack([-sine, np.zeros_like(sine), cosine], axis=-1)
     exponent = 0.5 / roughness**4
     for _ in range(_ITERATIONS):
@@ -173,24 +177,24 @@ def _fitted_table(reflectance: GlossyReflectance) -> Table:
     return np.stack(table, axis=-1).reshape(_COSINES, _ROUGHNESSES, 4)
 
 
+@partial(jax.jit, static_argnames="reflectance")
 def _samples(
     reflectance: GlossyReflectance,
-    cosine: Float[np.ndarray, "nodes"],
-    roughness: Float[np.ndarray, "nodes"],
+    views: Float[Array, "nodes 3"],
+    roughness: Float[Array, "nodes"],
 ) -> tuple[
-    Float[np.ndarray, "nodes samples 3"],
-    Float[np.ndarray, "nodes samples"],
-    Float[np.ndarray, "nodes samples"],
+    Float[Array, "nodes samples 3"],
+    Float[Array, "nodes samples"],
+    Float[Array, "nodes samples"],
 ]:
     """Samples of the specular lobe in the local frame, and value / density of each for specular
     colour 1 and for :data:`FAINTEST_SPECULAR`, without a base.
     """
-    shape = (len(cosine), _SAMPLES)
+    shape = (len(views), _SAMPLES)
     uniforms = jnp.broadcast_to(hammersley(_SAMPLES), (*shape, 2))
-    view = np.stack([np.sqrt(1.0 - cosine**2), 0.0 * cosine, cosine], axis=-1)
-    view = jnp.broadcast_to(jnp.asarray(view[:, None], jnp.float32), (*shape, 3))
+    view = jnp.broadcast_to(views[:, None], (*shape, 3))
     normal = jnp.asarray([0.0, 0.0, 1.0])
-    rough = jnp.broadcast_to(jnp.asarray(roughness[:, None], jnp.float32), shape)
+    rough = jnp.broadcast_to(roughness[:, None], shape)
     black = jnp.zeros((*shape, 3))
     light = reflectance.sample_specular(MaterialValues(black, black + 1.0, rough), view, uniforms)
     weights = []
@@ -198,5 +202,5 @@ def _samples(
         material = MaterialValues(black, black + specular, rough)
         value, density = reflectance.evaluate_and_pdf(material, normal, view, light)
         weight = jnp.where(density > 0.0, value[..., 0] / jnp.where(density > 0.0, density, 1.0), 0)
-        weights.append(np.asarray(weight, np.float64))
-    return np.asarray(light, np.float64), *weights
+        weights.append(weight)
+    return light, *weights

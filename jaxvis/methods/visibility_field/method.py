@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 
 from jaxvis.cache import cached_arrays, content_hash
 from jaxvis.lighting import Environment
-from jaxvis.methods.base import Method, require_key
+from jaxvis.methods.base import Method, refuse_spheres, require_key
 from jaxvis.methods.traced import RayVisibility, shading_points, to_image
 from jaxvis.methods.visibility_field.build import (
     Masks,
@@ -72,8 +72,12 @@ class Unculled(Method):
         return RayVisibility.of(scene)
 
     def light(self, environment: Environment) -> FieldLight:
-        """Nine coefficients; the environment's sampling table if all of it lights the scene."""
-        return _light(self.lighting, environment)
+        """Nine coefficients; the environment's sampling table if all of it lights the scene.
+
+        Raises:
+            ValueError: the environment has local lights.
+        """
+        return _light(self, environment)
 
     def shade(
         self,
@@ -165,8 +169,12 @@ class VisibilityField(Method):
         )
 
     def light(self, environment: Environment) -> FieldLight:
-        """Nine coefficients; the environment's sampling table if all of it lights the scene."""
-        return _light(self.lighting, environment)
+        """Nine coefficients; the environment's sampling table if all of it lights the scene.
+
+        Raises:
+            ValueError: the environment has local lights.
+        """
+        return _light(self, environment)
 
     def shade(
         self,
@@ -204,8 +212,9 @@ def _require_one_of(value: str, options: Any, name: str) -> None:
         raise ValueError(f"{name} must be one of {', '.join(get_args(options))}, got {value!r}")
 
 
-def _light(lighting: Lighting, environment: Environment) -> FieldLight:
-    if lighting == "environment":
+def _light(method: Unculled | VisibilityField, environment: Environment) -> FieldLight:
+    refuse_spheres(environment, method)
+    if method.lighting == "environment":
         return FieldLight.whole(environment)
     return FieldLight.low_frequency(environment)
 

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Int, UInt8
 
-from jaxvis.methods.traced import ShadingPoints, pad_rows, slice_points
+from jaxvis.methods.traced import ShadingPoints, pad_points, slice_points
 from jaxvis.methods.visibility_field.left import Listed, Turned, settle
 from jaxvis.scene import RayTracer
 
@@ -73,7 +72,7 @@ def traced_blocks(
     """
     count = len(points.pixel)
     block = block_points(samples)
-    padded = jax.tree.map(lambda leaf: pad_rows(leaf, -count % block), points)
+    padded = pad_points(points, -count % block)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
     with ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-field") as pool:
         for begin in range(0, count, chunk):

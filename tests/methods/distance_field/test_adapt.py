@@ -1,12 +1,13 @@
 """Where samples are inserted and erased: open planes, walls, thresholds, budgets."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from jaxvis.methods.distance_field import adapt as module
-from jaxvis.methods.distance_field.adapt import FEWEST, MOST, neighbours, plan
+from jaxvis.methods.distance_field.adapt import FEWEST, MOST, Plan, neighbours, plan
 from jaxvis.methods.distance_field.build import (
     Angular,
     Sampling,
@@ -17,13 +18,18 @@ from jaxvis.methods.distance_field.build import (
     place_samples,
     sample_budget,
 )
-from jaxvis.methods.distance_field.coefficients import magnitude, visibility_error
+from jaxvis.methods.distance_field.coefficients import (
+    magnitude,
+    map_coefficients,
+    visibility_error,
+)
+from jaxvis.methods.distance_field.foretold import Foretold, Seen, foretold
 from jaxvis.methods.distance_field.initial import initial_samples
-from jaxvis.methods.distance_field.neighbours import geometric_error
+from jaxvis.methods.distance_field.neighbours import Nearest, Places, geometric_error, weights
 from jaxvis.scene.builtin import builtin_scene
 
 ANGULAR = Angular(32, "adaptive", 16)
-SPATIAL = Spatial(5.0, 0.5, 0.10, 0.05, 4, 0.12, 8, "linear")
+SPATIAL = Spatial(5.0, 0.5, 0.10, 0.05, 4, 0.12, 8, "linear", "distances")
 
 
 @cache
@@ -38,19 +44,33 @@ def sampled(name, count, **parameters):
     return vertices, places, sampling
 
 
-def planned(name, count=60, largest=0.1, least=0.05, interpolation="linear"):
-    _, places, sampling = sampled(name, count)
-    near = neighbours(places.take(sampling.ids))
-    found = plan(
-        places,
-        sampling.ids,
-        sampling.coefficients,
-        near,
-        largest=largest,
-        least=least,
-        interpolation=interpolation,
-    )
-    return found, near, places, sampling
+def everything(places):
+    return np.ones(len(places.positions), bool)
+
+
+class Planned(NamedTuple):
+    plan: Plan
+    off: Foretold
+    near: Nearest
+    places: Places
+    sampling: Sampling
+
+
+def planned(
+    name, count=60, largest=0.1, least=0.05, interpolation="linear", measure="coefficients"
+):
+    vertices, places, sampling = sampled(name, count)
+    own = places.take(sampling.ids)
+    near = neighbours(own)
+    seen = Seen(sampling.maps, sampling.distances, vertices.frames[sampling.ids])
+    off = foretold(seen, near, weights(own, own, near, interpolation), measure)
+    ids = sampling.ids
+    found = plan(places, everything(places), ids, near, off, largest=largest, least=least)
+    return Planned(found, off, near, places, sampling)
+
+
+def coefficients_of(sampling):
+    return map_coefficients(sampling.maps, sampling.vertices.frames[sampling.ids])
 
 
 def test_neighbours_are_others_within_reach():
@@ -90,43 +110,41 @@ def test_few_samples_have_few_neighbours(count):
     assert np.all((near.samples >= 0).sum(axis=1) == min(count - 1, MOST))
 
 
-def test_an_open_plane_needs_none_more_and_few_of_these():
-    found, near, places, sampling = planned("plane")
-    assert found.error.max() < 1e-4
+@pytest.mark.parametrize("measure", ["distances", "coefficients"])
+def test_an_open_plane_needs_none_more_and_few_of_these(measure):
+    found, off, near, places, sampling = planned("plane", measure=measure)
+    assert off.error.max() < 1e-4
     assert len(found.insert) == 0
     # All are candidates, none of which is isolated; of a single pair none can go.
     assert not found.erase.any()
     # The check can fail: thresholds below 0 want everything.
-    wanted = plan(
-        places,
-        sampling.ids,
-        sampling.coefficients,
-        near,
-        largest=-1.0,
-        least=-1.0,
-        interpolation="linear",
-    )
+    wanted = plan(places, everything(places), sampling.ids, near, off, largest=-1.0, least=-1.0)
     assert len(wanted.insert) > 0
 
 
 def test_errors_are_those_of_what_neighbours_foretell():
-    found, near, places, sampling = planned("wall", interpolation="inverse")
-    coefficients = sampling.coefficients
+    _, off, near, places, sampling = planned("wall", interpolation="inverse")
+    coefficients = coefficients_of(sampling)
+    checked = 0
     for sample in range(0, len(sampling.ids), 7):
         around = near.samples[sample][near.samples[sample] >= 0]
         normals = places.normals[sampling.ids]
-        facing = normals[around] @ normals[sample] >= 0.5
-        if facing.sum() < 3:
-            facing[:] = True
-        share = np.where(facing, 1.0 / (near.error[sample][: len(around)] + 1e-4), 0.0)
-        foretold = (share / share.sum()) @ coefficients[around]
+        usable = normals[around] @ normals[sample] >= 0.5
+        usable &= places.parts[sampling.ids][around] == places.parts[sampling.ids[sample]]
+        if usable.sum() < 3:
+            continue
+        share = np.where(usable, 1.0 / (near.error[sample][near.samples[sample] >= 0] + 1e-4), 0.0)
+        together = (share / share.sum()) @ coefficients[around]
         own = coefficients[sample : sample + 1]
-        expected = (visibility_error(own, foretold[None].astype(np.float32)) / magnitude(own))[0]
-        assert found.error[sample] == pytest.approx(expected, rel=1e-3, abs=1e-5)
+        expected = (visibility_error(own, together[None].astype(np.float32)) / magnitude(own))[0]
+        assert off.error[sample] == pytest.approx(expected, rel=1e-3, abs=1e-5)
+        checked += 1
+    assert checked >= 3
 
 
-def test_insertions_lie_near_the_wall():
-    found, _, _, sampling = planned("wall", largest=0.15)
+@pytest.mark.parametrize("measure", ["distances", "coefficients"])
+def test_insertions_lie_near_the_wall(measure):
+    found, _, _, _, sampling = planned("wall", largest=0.15, measure=measure)
     scene = builtin_scene("wall")
     vertices = Vertices.of(scene)
     assert len(found.insert) >= 3
@@ -138,50 +156,65 @@ def test_insertions_lie_near_the_wall():
 
     inserted, before = on_ground(found.insert), on_ground(sampling.ids)
     assert len(inserted)
-    assert np.median(apart[inserted]) < 0.7 * np.median(apart[before])
+    assert np.median(apart[inserted]) < 0.8 * np.median(apart[before])
 
 
-def test_insertions_are_new_places_once_each_the_most_needed_first():
-    found, near, places, sampling = planned("box-on-plane")
+@pytest.mark.parametrize("measure", ["distances", "coefficients"])
+def test_insertions_are_new_places_once_each_the_most_needed_first(measure):
+    found, off, near, places, sampling = planned("box-on-plane", measure=measure)
     assert len(found.insert)
     assert len(np.unique(found.insert)) == len(found.insert)
     assert not np.isin(found.insert, sampling.ids).any()
+    assert np.all(np.diff(found.need) <= 0.0)
     # By hand: between which pairs they lie, and how much those differ.
-    own = sampling.coefficients
-    pairs = visibility_error(own[:, None], own) / magnitude(own)[:, None]
     need = {}
     joint = places.joint.astype(np.float64)
+    free = np.setdiff1d(np.arange(len(joint)), sampling.ids)
     for a in range(len(sampling.ids)):
-        for b in near.samples[a][near.samples[a] >= 0]:
-            pair = pairs[a, b]
-            if found.error[a] > 0.1 and pair > 0.1:
-                i, j = sampling.ids[[a, b]]
-                normal = joint[i, 3:] + joint[j, 3:]
-                length = max(np.linalg.norm(normal), 1e-4)
-                middle = np.concatenate([0.5 * (joint[i, :3] + joint[j, :3]), normal / length])
-                place = int(np.argmin(np.linalg.norm(joint - middle, axis=1)))
-                need[place] = max(need.get(place, 0.0), min(float(found.error[a]), float(pair)))
-    need = {place: value for place, value in need.items() if place not in set(sampling.ids)}
+        for slot in np.flatnonzero(near.samples[a] >= 0):
+            b, value = near.samples[a, slot], min(off.error[a], off.pairs[a, slot])
+            if value <= 0.1:
+                continue
+            i, j = sampling.ids[[a, b]]
+            normal = joint[i, 3:] + joint[j, 3:]
+            length = max(np.linalg.norm(normal), 1e-4)
+            middle = np.concatenate([0.5 * (joint[i, :3] + joint[j, :3]), normal / length])
+            place = int(free[np.argmin(np.linalg.norm(joint[free] - middle, axis=1))])
+            away = joint[place] - middle
+            if np.linalg.norm(away[:3]) + np.linalg.norm(away[3:]) < 0.5 * near.error[a, slot]:
+                need[place] = max(need.get(place, 0.0), float(value))
     overlap = len(set(need) & set(found.insert.tolist()))
     # Ties between places equally near the middle may go either way.
-    assert overlap >= 0.8 * max(len(need), len(found.insert))
-    order = [need[place] for place in found.insert.tolist() if place in need]
-    assert np.mean(np.diff(order) <= 1e-6) > 0.8
+    assert overlap >= 0.7 * max(len(need), len(found.insert)) > 0
+    same = [
+        (n, need[p]) for p, n in zip(found.insert.tolist(), found.need, strict=True) if p in need
+    ]
+    assert np.mean([abs(a - b) < 1e-5 for a, b in same]) > 0.8
+
+
+def test_no_insertion_where_none_is_allowed():
+    _, off, near, places, sampling = planned("box-on-plane")
+    allowed = everything(places)
+    free = plan(places, allowed, sampling.ids, near, off, largest=0.1, least=0.0)
+    allowed[free.insert[0]] = False
+    found = plan(places, allowed, sampling.ids, near, off, largest=0.1, least=0.0)
+    assert len(found.insert)
+    assert free.insert[0] not in found.insert
 
 
 def test_thresholds_are_monotone():
-    inserted = [len(planned("box-on-plane", largest=e)[0].insert) for e in (0.05, 0.1, 0.3, 10.0)]
+    inserted = [len(planned("box-on-plane", largest=e).plan.insert) for e in (0.05, 0.1, 0.3, 10.0)]
     assert np.all(np.diff(inserted) <= 0)
     assert inserted[0] > inserted[2] > inserted[3] == 0
-    erased = [planned("box-on-plane", least=e)[0] for e in (0.0, 0.02)]
+    erased = [planned("box-on-plane", least=e).plan for e in (0.0, 0.02)]
     assert not erased[0].erase.any()
     assert erased[1].erase.any()
 
 
 @pytest.mark.parametrize("least", [0.02, 0.05, 0.1])
 def test_only_isolated_and_foretold_samples_are_erased(least):
-    found, near, _, sampling = planned("box-on-plane", least=least, largest=1.0)
-    candidates = found.error < least
+    found, off, near, _, sampling = planned("box-on-plane", least=least, largest=1.0)
+    candidates = off.error < least
     assert np.all(candidates[found.erase])
     for sample in range(len(sampling.ids)):
         around = near.samples[sample][near.samples[sample] >= 0]
@@ -199,7 +232,7 @@ def test_the_budget_is_kept(budget):
     start = len(sampling.ids)
     adapt(sampling, places, candidates, SPATIAL._replace(largest=0.02, least=0.0), budget)
     assert start <= len(sampling.ids) <= max(budget, start)
-    assert len(sampling.ids) == len(sampling.maps) == len(sampling.coefficients)
+    assert len(sampling.ids) == len(sampling.maps) == len(sampling.distances)
     assert len(np.unique(sampling.ids)) == len(sampling.ids)
     if budget > 16:
         assert len(sampling.ids) > start

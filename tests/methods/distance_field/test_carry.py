@@ -26,7 +26,7 @@ from jaxvis.scene.builtin.mesh import join
 
 ANGULAR = Angular(32, "adaptive", 16)
 # Nothing is inserted or erased: what is carried is all there is.
-STILL = Spatial(5.0, 1.0, 1e9, 0.0, 0, 0.1, 8, "linear")
+STILL = Spatial(5.0, 1.0, 1e9, 0.0, 0, 0.1, 8, "linear", "distances")
 MOVING = STILL._replace(initial=0.5, largest=0.1, least=0.05, rounds=2, budget=0.12)
 
 
@@ -292,7 +292,7 @@ def test_frame_after_frame_keeps_no_memory():
     for number in range(5):
         frame(number)
     fields = None
-    for step in range(10):  # programs and tables are made
+    for step in range(20):  # programs and tables are made
         fields = one(step % 5, fields)
     tracemalloc.start()
     try:

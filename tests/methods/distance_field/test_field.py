@@ -28,7 +28,7 @@ from jaxvis.scene.builtin import builtin_scene
 from jaxvis.sphere.distance_host import signed_distances
 
 ANGULAR = Angular(16, "adaptive", 8)
-SPATIAL = Spatial(5.0, 0.5, 0.10, 0.05, 1, 0.12, 8, "linear")
+SPATIAL = Spatial(5.0, 0.5, 0.10, 0.05, 1, 0.12, 8, "linear", "distances")
 
 
 @cache

@@ -17,8 +17,7 @@ def places_of(name="box-on-plane", alpha=5.0, **parameters):
 def between(places, others):
     """e_g of every place to every other one."""
     return geometric_error(
-        Places(places.positions[:, None], places.normals[:, None]),
-        Places(others.positions[None], others.normals[None]),
+        Places(*(f[:, None] for f in places)), Places(*(f[None] for f in others))
     )
 
 
