@@ -24,8 +24,8 @@ SAMPLES_PER_JOB = 32
 HINTED = 32
 """Finest level at which neighbours' boundaries are looked at: beyond, own boundaries are known."""
 
-BESIDE = 1
-"""Texels within which an own boundary makes a hint unnecessary."""
+BESIDE = 4
+"""Texels within which an own boundary makes a hint unnecessary: it leads there by itself."""
 
 
 class Views(NamedTuple):
