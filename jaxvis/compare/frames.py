@@ -95,8 +95,12 @@ def render_frames(
     names: list[str] = []
     visibility: Any = None
     light: Any = None
-    options = {"camera": camera, "reflectance": reflectance, "supersampling": supersampling}
-    options |= {"spheres": spheres}
+    options: dict[str, Any] = {
+        "camera": camera,
+        "reflectance": reflectance,
+        "supersampling": supersampling,
+        "spheres": spheres,
+    }
     bar = tqdm(frames, leave=False, disable=not (progress and sys.stderr.isatty()), unit="frame")
     for frame in bar:
         setting = prepare(animation.scene(frame), environment, size, rotate=rotate, **options)

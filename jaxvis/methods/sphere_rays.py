@@ -106,17 +106,14 @@ class StratifiedSpheres:
             uniforms = jnp.asarray(engine.random(count), jnp.float32)
             lights = jnp.full(step, light)
             for i in range(0, count, step):
-                rays = partial(_one_light, self.spheres, lights, uniforms[i : i + step])
-                proposals.append(partial(rays, reflectance=reflectance))
+                proposals.append(
+                    partial(
+                        towards_spheres,
+                        self.spheres,
+                        lights=lights,
+                        uniforms=uniforms[i : i + step],
+                        share=1.0,
+                        reflectance=reflectance,
+                    )
+                )
         return proposals
-
-
-def _one_light(
-    spheres: SphereLights,
-    lights: Int[Array, "samples"],
-    uniforms: Float[Array, "samples 2"],
-    points: ShadingPoints,
-    *,
-    reflectance: Reflectance,
-) -> Proposal:
-    return towards_spheres(spheres, points, lights, uniforms, 1.0, reflectance=reflectance)

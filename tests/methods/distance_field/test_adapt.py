@@ -154,9 +154,10 @@ def test_insertions_lie_near_the_wall(measure):
     def on_ground(ids):
         return ids[np.abs(positions[ids, 1]) < 1e-3]
 
-    inserted, before = on_ground(found.insert), on_ground(sampling.ids)
+    needed = found.insert[: max(len(found.insert) // 2, 3)]  # the most needed come first
+    inserted, before = on_ground(needed), on_ground(sampling.ids)
     assert len(inserted)
-    assert np.median(apart[inserted]) < 0.8 * np.median(apart[before])
+    assert np.median(apart[inserted]) < 0.7 * np.median(apart[before])
 
 
 @pytest.mark.parametrize("measure", ["distances", "coefficients"])
@@ -166,10 +167,11 @@ def test_insertions_are_new_places_once_each_the_most_needed_first(measure):
     assert len(np.unique(found.insert)) == len(found.insert)
     assert not np.isin(found.insert, sampling.ids).any()
     assert np.all(np.diff(found.need) <= 0.0)
-    # By hand: between which pairs they lie, and how much those differ.
-    need = {}
+    # By hand: the pairs that want a place, and the places nearest the middle of each.
     joint = places.joint.astype(np.float64)
     free = np.setdiff1d(np.arange(len(joint)), sampling.ids)
+    chosen = dict(zip(found.insert.tolist(), found.need, strict=True))
+    largest: dict[int, float] = {}
     for a in range(len(sampling.ids)):
         for slot in np.flatnonzero(near.samples[a] >= 0):
             b, value = near.samples[a, slot], min(off.error[a], off.pairs[a, slot])
@@ -179,17 +181,19 @@ def test_insertions_are_new_places_once_each_the_most_needed_first(measure):
             normal = joint[i, 3:] + joint[j, 3:]
             length = max(np.linalg.norm(normal), 1e-4)
             middle = np.concatenate([0.5 * (joint[i, :3] + joint[j, :3]), normal / length])
-            place = int(free[np.argmin(np.linalg.norm(joint[free] - middle, axis=1))])
-            away = joint[place] - middle
-            if np.linalg.norm(away[:3]) + np.linalg.norm(away[3:]) < 0.5 * near.error[a, slot]:
-                need[place] = max(need.get(place, 0.0), float(value))
-    overlap = len(set(need) & set(found.insert.tolist()))
-    # Ties between places equally near the middle may go either way.
-    assert overlap >= 0.7 * max(len(need), len(found.insert)) > 0
-    same = [
-        (n, need[p]) for p, n in zip(found.insert.tolist(), found.need, strict=True) if p in need
-    ]
-    assert np.mean([abs(a - b) < 1e-5 for a, b in same]) > 0.8
+            apart = np.linalg.norm(joint[free] - middle, axis=1)
+            ties = free[apart <= apart.min() + 1e-5]  # which of them is taken does not matter
+            away = joint[ties] - middle
+            error = np.linalg.norm(away[:, :3], axis=1) + np.linalg.norm(away[:, 3:], axis=1)
+            if np.any(error < 0.5 * near.error[a, slot] - 1e-5):
+                taken = [int(place) for place in ties if place in chosen]
+                assert taken
+                assert max(chosen[place] for place in taken) >= value - 1e-5
+            for place in ties[error < 0.5 * near.error[a, slot] + 1e-5].tolist():
+                largest[place] = max(largest.get(place, 0.0), float(value))
+    # None is inserted for which no pair asks, or for more than any pair asks.
+    assert set(chosen) <= set(largest)
+    assert all(need <= largest[place] + 1e-5 for place, need in chosen.items())
 
 
 def test_no_insertion_where_none_is_allowed():

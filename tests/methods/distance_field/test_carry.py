@@ -292,7 +292,7 @@ def test_frame_after_frame_keeps_no_memory():
     for number in range(5):
         frame(number)
     fields = None
-    for step in range(20):  # programs and tables are made
+    for step in range(10):  # programs and tables are made
         fields = one(step % 5, fields)
     tracemalloc.start()
     try:

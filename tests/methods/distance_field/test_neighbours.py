@@ -128,8 +128,10 @@ def test_linear_functions_of_the_plane_are_nearly_exact():
         return np.abs(found - places.positions @ slope)
 
     # Samples are 0.05 apart: an interpolation that knows no slope is wrong by a good part of that.
+    # A few places, at which the exact weights would grow too large, are held back from them.
+    assert np.mean(error("linear") > 0.02) <= 0.02
     assert error("linear").max() < 0.04
-    assert error("linear").mean() < 4e-3
+    assert np.median(error("linear")) < 2e-3
     assert error("inverse").mean() > 5.0 * error("linear").mean()
 
 
