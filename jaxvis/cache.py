@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxvis.errors import JaxvisWarning
 
-FORMAT = 2
+FORMAT = 3
 """Version of what is cached. Raise it when the meaning of a cached array changes."""
 
 

@@ -46,18 +46,6 @@ SPHERE_DIRECTIONS = 1024
 """In each scrambling, to each sphere light, where every texel of the environment is summed."""
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class ReferenceLight:
-    """The environment that is integrated, and the table from which subsets are drawn.
-
-    Its spheres are in world coordinates.
-    """
-
-    environment: Environment
-    distribution: LatLongDistribution
-
-
 class Solution(NamedTuple):
     """A reference image, with how well it is known.
 
@@ -306,8 +294,8 @@ def _subset(
                 block = (jnp.asarray(u[i : i + step], jnp.float32) for u in uniforms)
                 on_light, on_brdf = block
                 proposals += [
-                    partial(_balanced, _drawn(light, on_light), reflectance=reflectance),
-                    partial(_from_brdf, light, on_brdf, reflectance=reflectance),
+                    partial(balanced, draw_lights(light, on_light), reflectance=reflectance),
+                    partial(from_brdf, light, on_brdf, reflectance=reflectance),
                 ]
             if spheres is not None:
                 proposals += spheres.proposals(replicate, fresh, step, reflectance)
@@ -328,70 +316,3 @@ def _subset(
             break
     kinds = 2 if spheres is None else 2 + spheres.count
     return radiance.astype(np.float32), error, kinds * REPLICATES * count
-
-
-class _Lights(NamedTuple):
-    """Directional lights: radiance and the environment's sampling density along each."""
-
-    directions: Components
-    radiance: Components
-    density: Float[Array, "*#points lights"]
-
-
-@jax.jit
-def _drawn(light: ReferenceLight, uniforms: Float[Array, "lights 2"]) -> _Lights:
-    """Directions through the environment's distribution, the same for every point."""
-    return _looked_up(light, components(light.distribution.sample(uniforms)))
-
-
-def _from_brdf(
-    light: ReferenceLight,
-    uniforms: Float[Array, "lights 3"],
-    points: ShadingPoints,
-    *,
-    reflectance: Reflectance,
-) -> Proposal:
-    """Directions through the BRDF's distribution, balanced against the environment's."""
-    directions = _reflect(points, uniforms, reflectance=reflectance)
-    return _balanced(_looked_up(light, directions), points, reflectance=reflectance)
-
-
-@partial(jax.jit, static_argnames="reflectance")
-def _reflect(
-    points: ShadingPoints, uniforms: Float[Array, "lights 3"], *, reflectance: Reflectance
-) -> Components:
-    everywhere = jnp.broadcast_to(uniforms, (len(points.normal), *uniforms.shape))
-    return components(reflectance.sample(*points.per_sample(), everywhere))
-
-
-@jax.jit
-def _looked_up(light: ReferenceLight, directions: Components) -> _Lights:
-    height, width = light.distribution.density.shape
-    row, column = latlong.texel(jnp.stack(directions, axis=-1), height, width)
-    texel = row * width + column
-    radiance = light.environment.radiance.reshape(-1)
-    red, green, blue = (jnp.take(radiance, 3 * texel + c, mode="clip") for c in range(3))
-    density = jnp.take(light.distribution.density.reshape(-1), texel, mode="clip")
-    return _Lights(directions, (red, green, blue), density)
-
-
-def _balanced(lights: _Lights, points: ShadingPoints, *, reflectance: Reflectance) -> Proposal:
-    """Rays to the lights, weighted by the balance heuristic between environment and BRDF."""
-    shape = (len(points.normal), lights.density.shape[-1])
-    x, y, z = (jnp.broadcast_to(axis, shape) for axis in lights.directions)
-    value, density = reflected(points, (x, y, z), reflectance=reflectance)
-    return _divided(points, (x, y, z), lights, value, density)
-
-
-@jax.jit
-def _divided(
-    points: ShadingPoints,
-    directions: Components,
-    lights: _Lights,
-    value: Float[Array, "points lights 3"],
-    density: Float[Array, "points lights"],
-) -> Proposal:
-    """``value`` x radiance over the sum of both densities: the balance heuristic, 1 : 1."""
-    over = 1.0 / jnp.maximum(density + lights.density, 1e-30)
-    weights = [value[..., c] * lights.radiance[c] * over for c in range(3)]
-    return propose(jnp.stack(directions, axis=-1), jnp.stack(weights, axis=-1), points)

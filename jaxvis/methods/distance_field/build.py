@@ -44,6 +44,9 @@ little more than the side; initial samples rather follow the surface's bends."""
 CONTEST = 2.0
 """What samples disagree by, over the error of what they say together: roughly, in smooth places."""
 
+FEWEST = 16
+"""Samples that any scene may have."""
+
 EVEN = 5.0
 """alpha by which vertices that lie behind surfaces find others, where every vertex is sampled."""
 
@@ -267,7 +270,7 @@ def place_samples(
 
 def sample_budget(spatial: Spatial, vertices: int) -> int:
     """Most samples, at least a handful."""
-    return max(int(spatial.budget * vertices), 16)
+    return max(int(spatial.budget * vertices), FEWEST)
 
 
 def adapt(
@@ -340,8 +343,10 @@ def distance_fields(
     *,
     near: int,
     interpolation: Interpolation,
+    density: float | None = None,
 ) -> DistanceFields:
-    """Distances at the samples, and the weights of vertices."""
+    """Distances at the samples, and the weights of vertices; ``density`` as they were placed, if
+    they are carried over."""
     vertices, count = sampling.vertices, len(places.positions)
     own, at = places.take(sampling.ids), places.take(candidates)
     found = nearest_samples(own, at, near)
@@ -363,6 +368,7 @@ def distance_fields(
         triangles=placed.triangles,
         backs=placed.backs,
         rays_traced=sampling.rays,
+        density=len(sampling.ids) / max(len(candidates), 1) if density is None else density,
     )
 
 
@@ -371,8 +377,9 @@ def cached_fields(key: str, build: Callable[[], DistanceFields]) -> DistanceFiel
 
     def arrays() -> dict[str, np.ndarray]:
         made = build()
-        rays = np.array(made.rays_traced)
-        return {name: np.asarray(getattr(made, name)) for name in ARRAYS} | {"rays": rays}
+        found = {name: np.asarray(getattr(made, name)) for name in ARRAYS}
+        return found | {"rays": np.array(made.rays_traced), "density": np.array(made.density)}
 
     found, _ = cached_arrays(KIND, key, arrays)
-    return DistanceFields(**{k: found[k] for k in ARRAYS}, rays_traced=int(found["rays"]))
+    rays, density = int(found["rays"]), float(found["density"])
+    return DistanceFields(**{k: found[k] for k in ARRAYS}, rays_traced=rays, density=density)

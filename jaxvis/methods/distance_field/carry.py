@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxvis.compiled import compiled
 from jaxvis.methods.distance_field.build import (
+    FEWEST,
     NEARBY,
     Angular,
     Sampling,
@@ -88,11 +89,17 @@ def carry_over(
     redone = np.repeat(np.repeat(stale[changed][kept], fine, axis=1), fine, axis=2)
     sampling.add(again[kept], places, Known(maps[changed][kept], redone))
     budget = sample_budget(spatial, len(places.positions))
+    budget = min(budget, max(round(previous.density * len(candidates)), FEWEST))
     _fill_gaps(sampling, places, candidates, spatial, budget)
     if changed.any():
         adapt(sampling, places, candidates, spatial, budget, rounds=1)
     return distance_fields(
-        sampling, places, candidates, near=spatial.near, interpolation=spatial.interpolation
+        sampling,
+        places,
+        candidates,
+        near=spatial.near,
+        interpolation=spatial.interpolation,
+        density=previous.density,
     )
 
 

@@ -55,6 +55,9 @@ class DistanceFields:
     """The same of the backs, -1 where there is none; empty if no triangle has one."""
     rays_traced: int = field(default=0, metadata={"static": True})
     """By what filled the maps."""
+    density: float = field(default=0.0, metadata={"static": True})
+    """Samples over vertices asked for when they were placed; where they are carried over from frame
+    to frame there are no more, so that frames after many cost what the first did."""
 
     @property
     def resolution(self) -> int:
@@ -73,7 +76,8 @@ class DistanceFields:
     def save(self, path: str | PathLike) -> None:
         """Writes an .npz file."""
         arrays = {name: getattr(self, name) for name in ARRAYS}
-        save_arrays(path, KIND, arrays, rays_traced=self.rays_traced)
+        header = {"rays_traced": self.rays_traced, "density": self.density}
+        save_arrays(path, KIND, arrays, **header)
 
     @classmethod
     def load(cls, path: str | PathLike) -> "DistanceFields":
@@ -84,7 +88,8 @@ class DistanceFields:
         """
         arrays, header = load_arrays(path, KIND)
         loaded = {name: jnp.asarray(arrays[name]) for name in ARRAYS}
-        return cls(**loaded, rays_traced=int(header["rays_traced"]))
+        rays, density = int(header["rays_traced"]), float(header["density"])
+        return cls(**loaded, rays_traced=rays, density=density)
 
 
 def packed(maps: Bool[np.ndarray, "samples n n"]) -> UInt8[np.ndarray, "samples bytes"]:

@@ -292,7 +292,8 @@ def test_frame_after_frame_keeps_no_memory():
     for number in range(5):
         frame(number)
     fields = None
-    for step in range(10):  # programs and tables are made
+    # Programs are compiled for numbers of samples that have not been before, until these settle.
+    for step in range(20):
         fields = one(step % 5, fields)
     tracemalloc.start()
     try:
@@ -306,3 +307,17 @@ def test_frame_after_frame_keeps_no_memory():
         tracemalloc.stop()
     # A leaked set of maps and distances would be more, ten times.
     assert after - before < fields.signed_distance.nbytes
+
+
+def test_frames_keep_to_the_density_of_the_first():
+    """What is needed in passing does not pile up, however large the budget."""
+    spatial = MOVING._replace(budget=1.0, initial=0.1, rounds=1, least=0.0)
+    fields = place_samples(frame(0), ANGULAR, spatial)
+    placed_first = len(fields.samples)
+    for number in range(1, 4):
+        fields = carry_over(fields, frame(number), ANGULAR, spatial)
+        assert len(fields.samples) <= placed_first
+        assert fields.density == placed_first / len(fields.positions)
+    # Without it there would be more.
+    free = carry_over(replace(fields, density=1.0), frame(4), ANGULAR, spatial)
+    assert len(free.samples) > placed_first
