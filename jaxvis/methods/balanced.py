@@ -1,4 +1,6 @@
-"""Directions through an environment's distribution and a BRDF's, by the balance heuristic."""
+"""The reference's rays: to directional lights, or through the environment's distribution and the
+BRDF's, weighted by the balance heuristic.
+"""
 
 from dataclasses import dataclass
 from functools import partial
@@ -34,6 +36,34 @@ class ReferenceLight:
     distribution: LatLongDistribution
 
 
+def towards(
+    directions: Float[Array, "lights 3"],
+    flux: Float[Array, "lights 3"],
+    points: ShadingPoints,
+    *,
+    reflectance: Reflectance,
+) -> Proposal:
+    """Rays to the same directional lights for every point; ``flux`` is radiance x solid angle."""
+    everywhere = _everywhere(points, directions)
+    value, _ = reflected(points, everywhere, reflectance=reflectance)
+    return _scaled(points, everywhere, value, flux)
+
+
+@jax.jit
+def _everywhere(points: ShadingPoints, directions: Float[Array, "lights 3"]) -> Components:
+    return components(jnp.broadcast_to(directions, (len(points.normal), *directions.shape)))
+
+
+@jax.jit
+def _scaled(
+    points: ShadingPoints,
+    directions: Components,
+    value: Float[Array, "points lights 3"],
+    flux: Float[Array, "lights 3"],
+) -> Proposal:
+    return propose(jnp.stack(directions, axis=-1), value * flux, points)
+
+
 class Lights(NamedTuple):
     """Directional lights: radiance and the environment's sampling density along each."""
 
@@ -43,8 +73,8 @@ class Lights(NamedTuple):
 
 
 @jax.jit
-def draw_lights(light: ReferenceLight, uniforms: Float[Array, "lights 2"]) -> Lights:
-    """Unit directions through the environment's distribution, the same for every point."""
+def draw_lights(light: ReferenceLight, uniforms: Float[Array, "*points lights 2"]) -> Lights:
+    """Unit directions through the environment's distribution."""
     return looked_up(light, components(light.distribution.sample(uniforms)))
 
 

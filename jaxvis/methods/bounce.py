@@ -9,12 +9,12 @@ with traced shadows. Light that a specular lobe reflects, at x or at y, does not
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float64
+from jaxtyping import Array, Float, Float32, Float64, Int
 from scipy.stats import qmc
 from tqdm.auto import tqdm
 
@@ -29,7 +29,6 @@ from jaxvis.methods.balanced import (
 from jaxvis.methods.reflectors import Reflecting, Reflectors, ReflectorVisibility
 from jaxvis.methods.sphere_rays import towards_spheres
 from jaxvis.methods.traced import (
-    Components,
     Proposal,
     ShadingPoints,
     block_points,
@@ -40,7 +39,6 @@ from jaxvis.reflectance import Lambert, MaterialValues
 from jaxvis.sampling.sequences import BELOW_ONE
 from jaxvis.scene import Hits, RayTracer
 from jaxvis.scene.rays import BLOCK
-from jaxvis.sphere.frames import dot
 
 SCRAMBLINGS = 4
 """Independent estimates whose spread tells the error."""
@@ -49,7 +47,14 @@ RAYS_PER_STAGE = 64
 """Of a point: one shape for every stage, so that each is compiled once."""
 
 HITS_PER_BLOCK = 1 << 14
-"""Hits in one call of the jitted stages; the last block of a stage is padded."""
+"""Hits in one call of the jitted stages, or as many as there are rays; the last is padded."""
+
+LIGHTS_PER_HIT = 2
+"""Rays through the environment's distribution from each hit, spread evenly over it: of a sun that
+sends half of the light, they always try one. With one, half of the variance is theirs; four cost
+more than they save."""
+
+GOLDEN = 0.618034
 
 DIFFUSE = Lambert()
 
@@ -65,8 +70,8 @@ def bounced(
 ) -> Iterator[tuple[Float64[np.ndarray, "scramblings points 3"], int]]:
     """Radiance of each point by one diffuse bounce: independent estimates, ever better ones.
 
-    A point sends ``rays`` cosine-distributed rays, and each place that one meets sends a ray
-    through the environment's distribution and a cosine-distributed one, weighed by the balance
+    A point sends ``rays`` cosine-distributed rays, and each place that one meets sends two rays
+    through the environment's distribution and a cosine-distributed one, weighted by the balance
     heuristic, and one to each sphere light. All their directions come from scrambled Sobol points
     (Owen 1995), the same for all points so that there is no noise between them. The estimates are
     unbiased; they depend on ``seed``, and on nothing else of how the work is shared.
@@ -99,6 +104,28 @@ def bounced(
         fresh = count
 
 
+class _Numbers(NamedTuple):
+    """Of each ray, in [0, 1): where it goes, and those from what it meets. Reflectance models draw
+    with three; a diffuse one ignores the third."""
+
+    leave: Float[Array, "*rays 3"]
+    light: Float[Array, "*rays 2"]
+    reflect: Float[Array, "*rays 3"]
+    spheres: tuple[Float[Array, "*rays 2"], ...]
+
+    @staticmethod
+    def of(uniforms: Float64[np.ndarray, "samples dimensions"]) -> "_Numbers":
+        parts = np.minimum(uniforms, BELOW_ONE).astype(np.float32)
+        ignored = np.zeros((len(parts), 1), np.float32)
+        leave, light, reflected = (parts[:, i : i + 2] for i in (0, 2, 4))
+        return _Numbers(
+            jnp.asarray(np.concatenate([leave, ignored], axis=1)),
+            jnp.asarray(light),
+            jnp.asarray(np.concatenate([reflected, ignored], axis=1)),
+            tuple(jnp.asarray(parts[:, i : i + 2]) for i in range(6, parts.shape[1], 2)),
+        )
+
+
 class _Integral:
     """The integral's sums over rays, for all points."""
 
@@ -123,21 +150,23 @@ class _Integral:
         if not count:
             return result
         block = block_points(count, samples)
+        size = min(HITS_PER_BLOCK, block * samples)
         padded = pad_points(self._points, -count % block)
-        numbers = jnp.asarray(np.minimum(uniforms, BELOW_ONE), jnp.float32)
-        lights = draw_lights(self._light, numbers[:, 2:4])
+        numbers = _Numbers.of(uniforms)
+        lights = _draw(self._light, numbers.light)
 
         def shade_block(start: int) -> None:
             inside = min(block, count - start)
-            part = slice_points(padded, start, block)
-            origins, directions, ray = _leave(part, numbers, inside)
-            hits = _closest_hits(self._tracer, origins, directions)
-            places = self._reflectors.at(hits, directions)
+            ray, origins, directions = _leave(slice_points(padded, start, block), numbers, inside)
+            places = self._reflectors.at(
+                _closest_hits(self._tracer, origins, directions), directions
+            )
             ray = ray[places.ray]
             radiance = np.empty((len(ray), 3), np.float32)
-            for first in range(0, len(ray), HITS_PER_BLOCK):
-                rows = slice(first, min(first + HITS_PER_BLOCK, len(ray)))
-                radiance[rows] = self._reflected(places, ray, rows, numbers, lights)
+            for first in range(0, len(ray), size):
+                rows = slice(first, min(first + size, len(ray)))
+                points = _shading_points(places, ray % samples, rows, size)
+                radiance[rows] = self._reflected(points, places.origin[rows], numbers, lights)
             for c in range(3):
                 result[start : start + inside, c] = np.bincount(
                     ray // samples, weights=radiance[:, c], minlength=inside
@@ -151,35 +180,134 @@ class _Integral:
 
     def _reflected(
         self,
-        places: Reflecting,
-        ray: np.ndarray,
-        rows: slice,
-        numbers: Float[Array, "samples dimensions"],
+        points: ShadingPoints,
+        origins: Float32[np.ndarray, "hits 3"],
+        numbers: _Numbers,
         lights: Lights,
-    ) -> Float[np.ndarray, "hits 3"]:
-        """Radiance that places send back along their rays: rho / pi times the irradiance."""
-        points = _padded_points(places, ray, rows)
-        own = _of_ray(numbers, points)
+    ) -> Float32[np.ndarray, "hits 3"]:
+        """Radiance that places send back along their rays: rho / pi times the irradiance.
+
+        The places are ``points``, after those of ``origins`` padding.
+        """
+        numbers, lights = _of_each(points, numbers, lights)
         proposals = [
-            balanced(_lights_of_ray(lights, points), points, reflectance=DIFFUSE),
-            from_brdf(self._light, own[..., 4:7], points, reflectance=DIFFUSE),
+            balanced(lights, points, reflectance=DIFFUSE),
+            from_brdf(self._light, numbers.reflect, points, reflectance=DIFFUSE),
         ]
         spheres = self._light.environment.spheres
-        for i in range(self.spheres):
-            assert spheres is not None
-            proposals.append(
+        if spheres is not None:
+            proposals += [
                 towards_spheres(
                     spheres,
                     points,
-                    jnp.full(1, i),
-                    own[..., 6 + 2 * i : 8 + 2 * i],
+                    jnp.asarray(np.full(1, light)),
+                    uniforms,
                     1.0,
                     reflectance=DIFFUSE,
                 )
-            )
-        inside = rows.stop - rows.start
-        total = np.zeros((inside, 3), np.float32)
-        origins = places.origin[rows]
+                for light, uniforms in enumerate(numbers.spheres)
+            ]
+        total = np.zeros_like(origins)
         for proposal in proposals:
-            total += _unblocked(self._tracer, origins, proposal, inside)
+            total += _unblocked(self._tracer, origins, proposal)
         return total
+
+
+def _leave(
+    points: ShadingPoints, numbers: _Numbers, inside: int
+) -> tuple[Int[np.ndarray, "rays"], Float32[np.ndarray, "rays 3"], Float32[np.ndarray, "rays 3"]]:
+    """Rays from the first ``inside`` points that do not go below their triangle's plane.
+
+    Returns (point x samples + sample, origin, direction) of each.
+    """
+    x, y, z = (
+        np.asarray(axis)[:inside] for axis in reflect(points, numbers.leave, reflectance=DIFFUSE)
+    )
+    plane = np.asarray(points.geometric_normal)[:inside, :, None]
+    above = x * plane[:, 0] + y * plane[:, 1] + z * plane[:, 2] > 0.0
+    ray = np.flatnonzero(above)
+    directions = np.empty((len(ray), 3), np.float32)
+    for axis, values in enumerate((x, y, z)):
+        directions[:, axis] = values.reshape(-1).take(ray)
+    return ray, np.asarray(points.origin).take(ray // x.shape[1], axis=0), directions
+
+
+def _closest_hits(
+    tracer: RayTracer,
+    origins: Float32[np.ndarray, "rays 3"],
+    directions: Float32[np.ndarray, "rays 3"],
+) -> Hits:
+    """The closest hits, traced in this thread: a tracer shares out only what is over a block."""
+    parts = [
+        tracer.closest_hit(origins[first : first + BLOCK], directions[first : first + BLOCK])
+        for first in range(0, max(len(origins), 1), BLOCK)
+    ]
+    return Hits(*(np.concatenate(leaves) for leaves in zip(*parts, strict=True)))
+
+
+def _shading_points(
+    places: Reflecting, sample: Int[np.ndarray, "hits"], rows: slice, size: int
+) -> ShadingPoints:
+    """Some of the places, padded to ``size``; ``pixel`` is the sample of their ray.
+
+    The padding's normals are zero, and so no ray leaves it.
+    """
+
+    def pad(values: np.ndarray) -> Array:
+        block = np.zeros((size, *values.shape[1:]), values.dtype)
+        block[: rows.stop - rows.start] = values[rows]
+        return jnp.asarray(block)
+
+    return ShadingPoints(
+        pad(places.origin),
+        pad(places.normal),
+        pad(places.geometric_normal),
+        pad(places.view),
+        _diffuse(pad(places.albedo)),
+        pad(sample.astype(np.int32)),
+    )
+
+
+@jax.jit
+def _diffuse(albedo: Float[Array, "hits 3"]) -> MaterialValues:
+    return MaterialValues(albedo, jnp.zeros_like(albedo), jnp.ones_like(albedo[:, 0]))
+
+
+@jax.jit
+def _draw(light: ReferenceLight, uniforms: Float[Array, "samples 2"]) -> Lights:
+    """Directions [samples, lights] for each sample, with an equal part of the radiance each.
+
+    They are steps of a lattice from the place that the numbers say, so that each is distributed as
+    a single one would be, and all together are spread over the distribution.
+    """
+    steps = jnp.arange(LIGHTS_PER_HIT) * jnp.array([[GOLDEN], [1.0 / LIGHTS_PER_HIT]])
+    places = jnp.mod(uniforms[:, None, :] + steps.T, 1.0)
+    lights = draw_lights(light, jnp.minimum(places, BELOW_ONE))
+    red, green, blue = (channel * (1.0 / LIGHTS_PER_HIT) for channel in lights.radiance)
+    return lights._replace(radiance=(red, green, blue))
+
+
+@jax.jit
+def _of_each(points: ShadingPoints, numbers: _Numbers, lights: Lights) -> tuple[_Numbers, Lights]:
+    """Each point's own numbers [points, 1, ...] and lights [points, lights], by its sample."""
+
+    def own(leaf: Array) -> Array:
+        return jnp.take(leaf, points.pixel, axis=0, mode="clip")
+
+    return jax.tree.map(lambda leaf: own(leaf)[:, None], numbers), jax.tree.map(own, lights)
+
+
+def _unblocked(
+    tracer: RayTracer, origins: Float32[np.ndarray, "hits 3"], rays: Proposal
+) -> Float32[np.ndarray, "hits 3"]:
+    """What each hit's ray brings if nothing blocks it, else 0."""
+    inside = len(origins)
+    directions = [np.asarray(axis)[:inside] for axis in rays.directions]
+    limits = None if rays.limits is None else np.asarray(rays.limits)[:inside]
+    visible = tracer.visible(origins, directions, np.asarray(rays.active)[:inside], limits)
+    # Added up one after another: NumPy's sum over a short last axis is slow.
+    total = np.zeros_like(origins)
+    for channel, weights in enumerate(np.asarray(w)[:inside] for w in rays.weights):
+        for sample in range(visible.shape[1]):
+            total[:, channel] += np.where(visible[:, sample], weights[:, sample], np.float32(0.0))
+    return total

@@ -1,10 +1,10 @@
 """Ground truth by brute force: environment x ray-traced visibility x BRDF, without noise."""
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,17 +16,15 @@ from tqdm.auto import tqdm
 from jaxvis.cache import cached_arrays, content_hash
 from jaxvis.errors import JaxvisWarning
 from jaxvis.lighting import Environment
+from jaxvis.methods.balanced import ReferenceLight, balanced, draw_lights, from_brdf, towards
 from jaxvis.methods.base import Method
+from jaxvis.methods.bounce import LIGHTS_PER_HIT, SCRAMBLINGS, bounced
+from jaxvis.methods.reflectors import ReflectorVisibility
 from jaxvis.methods.sphere_rays import StratifiedSpheres
 from jaxvis.methods.traced import (
-    Components,
-    Proposal,
     Propose,
     RayVisibility,
     ShadingPoints,
-    components,
-    propose,
-    reflected,
     shading_points,
     to_image,
     trace_and_sum,
@@ -40,23 +38,33 @@ DIRECTIONS_PER_STAGE = 64
 """One shape for every stage, so that each is compiled once; no more than the first level has."""
 REPLICATES = 4
 """Independent scramblings whose spread tells the error."""
+MOST_BOUNCE_RAYS = 1 << 14
+"""Of each pixel, when an error target asks for more and more."""
 FIRST_LEVEL, LAST_LEVEL = 6, 14
 """Powers of two: directions of each kind in a scrambling, at first and at most."""
 SPHERE_DIRECTIONS = 1024
 """In each scrambling, to each sphere light, where every texel of the environment is summed."""
 
 
-class Solution(NamedTuple):
+@dataclass(frozen=True)
+class Solution:
     """A reference image, with how well it is known.
 
     ``error`` is the image's standard error, root mean square over the covered pixels and relative
-    to their mean radiance; 0 when every texel was integrated and there are no spheres.
-    ``directions`` is how many directions each pixel integrated.
+    to their mean radiance; 0 when every texel was integrated and there are neither spheres nor
+    bounces. ``directions`` is how many directions each pixel integrated, those at the other end of
+    its bounce rays included. ``indirect`` is that part of the image that came by a bounce.
+
+    Unpacks as (image, error, directions).
     """
 
     image: Float[Array, "height width 3"]
     error: float
     directions: int
+    indirect: Float[Array, "height width 3"]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.image, self.error, self.directions))
 
 
 @dataclass(frozen=True)
@@ -76,11 +84,18 @@ class Reference(Method):
 
     Sphere lights add as many directions each, from the cones that they subtend; with no ``error``,
     four times 1024.
+
+    With ``bounces=1`` light also comes by one diffuse bounce (:mod:`jaxvis.methods.bounce`):
+    ``bounce_rays`` rays from each pixel, in four scramblings whose spread tells the error, and from
+    what they meet, rays to the light. An ``error`` doubles them until the whole image is as good.
+    The diffuse albedo reflects at both ends; specular lobes reflect no bounced light and send none.
     """
 
     error: float | None = None
     rows: int | None = None
     subdivision: int = 1
+    bounces: int = 0
+    bounce_rays: int = 256
 
     def __post_init__(self) -> None:
         if self.error is not None and not self.error > 0.0:
@@ -89,10 +104,25 @@ class Reference(Method):
             raise ValueError(f"rows must be at least 1, got {self.rows}")
         if self.subdivision < 1:
             raise ValueError(f"subdivision must be at least 1, got {self.subdivision}")
+        if self.bounces not in (0, 1):
+            raise ValueError(f"bounces must be 0 or 1, got {self.bounces}")
+        rays = self.bounce_rays
+        if not SCRAMBLINGS <= rays <= MOST_BOUNCE_RAYS or rays & (rays - 1):
+            raise ValueError(
+                f"bounce_rays must be a power of two from {SCRAMBLINGS} to {MOST_BOUNCE_RAYS}, "
+                f"got {rays}"
+            )
+
+    def __repr__(self) -> str:
+        """Names bounces only where they are set, so that older cached results keep their keys."""
+        values = ((f.name, getattr(self, f.name), f.default) for f in fields(self))
+        always = ("error", "rows", "subdivision")
+        shown = [f"{name}={v!r}" for name, v, default in values if name in always or v != default]
+        return f"{type(self).__name__}({', '.join(shown)})"
 
     def precompute(self, scene: Scene, progress: bool = True) -> RayVisibility:
-        """Nothing but the Embree tree."""
-        return RayVisibility.of(scene)
+        """Nothing but the Embree tree; with bounces, also what the triangles reflect."""
+        return ReflectorVisibility.of(scene) if self.bounces else RayVisibility.of(scene)
 
     def light(self, environment: Environment) -> ReferenceLight:
         """The environment, resampled to ``rows`` if that is given."""
@@ -121,7 +151,11 @@ class Reference(Method):
         *,
         progress: bool = False,
     ) -> Solution:
-        """The image, its error and the number of directions."""
+        """The image, its error and the number of directions.
+
+        Raises:
+            ValueError: there are bounces, and ``visibility`` does not know the materials.
+        """
         points = shading_points(surface)
         trace = partial(_trace, visibility, points, progress)
         light = replace(light, environment=light.environment.seen_from(surface.origin))
@@ -134,7 +168,49 @@ class Reference(Method):
                 directions += REPLICATES * SPHERE_DIRECTIONS * spheres.count
         else:
             radiance, error, directions = _subset(light, surface.reflectance, self.error, trace)
-        return Solution(to_image(surface, points, radiance), error, directions)
+        indirect = np.zeros_like(radiance)
+        if self.bounces:
+            indirect, error, more = self._bounced(
+                visibility, light, points, radiance, error, progress
+            )
+            directions += more
+        return Solution(
+            to_image(surface, points, radiance + indirect),
+            error,
+            directions,
+            to_image(surface, points, indirect),
+        )
+
+    def _bounced(
+        self,
+        visibility: RayVisibility,
+        light: ReferenceLight,
+        points: ShadingPoints,
+        direct: Float[np.ndarray, "points 3"],
+        error: float,
+        progress: bool,
+    ) -> tuple[Float[np.ndarray, "points 3"], float, int]:
+        """What a bounce adds to each point, the error of the whole, and the directions for it.
+
+        ``error`` is that of ``direct``.
+        """
+        if not isinstance(visibility, ReflectorVisibility):
+            raise ValueError(
+                f"bounces={self.bounces} needs visibility that knows the materials: "
+                "precompute it with the same bounces"
+            )
+        estimates = bounced(visibility, light, points, self.bounce_rays, progress=progress)
+        while True:
+            estimate, rays = next(estimates)
+            indirect, of_bounce = _mean(estimate)
+            mean = float(direct.mean()) if direct.size else 0.0
+            added = float(indirect.mean()) if indirect.size else 0.0
+            whole = float(np.hypot(error * mean, of_bounce * added)) / max(mean + added, 1e-30)
+            if self.error is None or whole <= self.error or rays >= MOST_BOUNCE_RAYS:
+                break
+        if self.error is not None and whole > self.error:
+            _warn_of_error(whole, f"{rays} bounce rays", self.error)
+        return indirect.astype(np.float32), whole, _directions_of_bounce(light, rays)
 
     def solve_cached(
         self,
@@ -154,11 +230,16 @@ class Reference(Method):
         )
 
         def build() -> dict[str, Any]:
-            return self.solve(visibility, light, surface, progress=progress)._asdict()
+            solution = self.solve(visibility, light, surface, progress=progress)
+            arrays = {f.name: getattr(solution, f.name) for f in fields(solution)}
+            return arrays if self.bounces else {k: v for k, v in arrays.items() if k != "indirect"}
 
         arrays, cached = cached_arrays("reference", key, build)
         image = jnp.asarray(arrays["image"])
-        return Solution(image, float(arrays["error"]), int(arrays["directions"])), cached
+        # Entries without bounces hold no zeros.
+        indirect = jnp.asarray(arrays.get("indirect", np.zeros_like(arrays["image"])))
+        found = Solution(image, float(arrays["error"]), int(arrays["directions"]), indirect)
+        return found, cached
 
     def evaluations(
         self, visibility: RayVisibility, light: ReferenceLight, surface: Surface
@@ -169,6 +250,8 @@ class Reference(Method):
         directions = light.environment.radiance[..., 0].size * self.subdivision**2
         if light.environment.spheres is not None:
             directions += REPLICATES * SPHERE_DIRECTIONS * light.environment.spheres.count
+        if self.bounces:
+            directions += _directions_of_bounce(light, self.bounce_rays)
         return directions * int(jnp.sum(surface.mask))
 
 
@@ -197,7 +280,7 @@ def _every_texel(
     step = min(DIRECTIONS_PER_STAGE, len(directions))
     lights = jnp.asarray(directions), jnp.asarray(radiance)
     proposals = [
-        partial(_towards, *(part[i : i + step] for part in lights), reflectance=reflectance)
+        partial(towards, *(part[i : i + step] for part in lights), reflectance=reflectance)
         for i in range(0, len(directions), step)
     ]
     return trace(proposals, step, "reference")
@@ -222,34 +305,6 @@ def texel_lights(
     flux = np.concatenate([flux[lit], np.zeros((missing, 3))])
     directions = np.concatenate([directions[lit], np.tile([[0.0, 1.0, 0.0]], (missing, 1))])
     return directions.astype(np.float32), flux.astype(np.float32)
-
-
-def _towards(
-    directions: Float[Array, "lights 3"],
-    flux: Float[Array, "lights 3"],
-    points: ShadingPoints,
-    *,
-    reflectance: Reflectance,
-) -> Proposal:
-    """The same directional lights for every point."""
-    everywhere = _everywhere(points, directions)
-    value, _ = reflected(points, everywhere, reflectance=reflectance)
-    return _scaled(points, everywhere, value, flux)
-
-
-@jax.jit
-def _everywhere(points: ShadingPoints, directions: Float[Array, "lights 3"]) -> Components:
-    return components(jnp.broadcast_to(directions, (len(points.normal), *directions.shape)))
-
-
-@jax.jit
-def _scaled(
-    points: ShadingPoints,
-    directions: Components,
-    value: Float[Array, "points lights 3"],
-    flux: Float[Array, "lights 3"],
-) -> Proposal:
-    return propose(jnp.stack(directions, axis=-1), value * flux, points)
 
 
 def _of_spheres(
@@ -308,11 +363,21 @@ def _subset(
         if error <= target:
             break
         if count >= 1 << LAST_LEVEL:
-            warnings.warn(
-                f"reference: relative error {error:.2g} after {count} directions, not {target:.2g}",
-                JaxvisWarning,
-                stacklevel=2,
-            )
+            _warn_of_error(error, f"{count} directions", target)
             break
     kinds = 2 if spheres is None else 2 + spheres.count
     return radiance.astype(np.float32), error, kinds * REPLICATES * count
+
+
+def _warn_of_error(error: float, effort: str, target: float) -> None:
+    warnings.warn(
+        f"reference: relative error {error:.2g} after {effort}, not {target:.2g}",
+        JaxvisWarning,
+        stacklevel=3,
+    )
+
+
+def _directions_of_bounce(light: ReferenceLight, rays: int) -> int:
+    """Bounce rays of a pixel, and those from their ends to the light."""
+    spheres = light.environment.spheres
+    return rays * (2 + LIGHTS_PER_HIT + (0 if spheres is None else spheres.count))

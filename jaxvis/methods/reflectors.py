@@ -25,7 +25,7 @@ class ReflectorVisibility(RayVisibility):
     """Visibility that is traced while shading, and what light from its triangles depends on.
 
     ``texture_of`` is each material's base colour texture, an index into ``textures`` (texels as
-    :class:`~jaxvis.reflectance.Texture` keeps them), or -1.
+    :class:`~jaxvis.reflectance.Texture` keeps them, [height, width, channels]), or -1.
     """
 
     normals: Float[Values, "vertices 3"]
@@ -33,7 +33,7 @@ class ReflectorVisibility(RayVisibility):
     base_colour: Float[Values, "materials 3"]
     two_sided: Bool[Values, "materials"]
     texture_of: Int[Values, "materials"]
-    textures: tuple[Float[Values, "height width channels"], ...]
+    textures: tuple[Float[Values, "_ _ _"], ...]
     uvs: Float[Values, "triangles 3 2"] | None
     colours: Float[Values, "triangles 3 3"] | None
 
@@ -66,17 +66,17 @@ class ReflectorVisibility(RayVisibility):
             for field in fields(self)
             if field.name not in ("tracer", "textures") and getattr(self, field.name) is not None
         }
-        arrays |= {f"texture_{i}": texels for i, texels in enumerate(self.textures)}
+        arrays |= {f"texels_{i}": texels for i, texels in enumerate(self.textures)}
         save_arrays(path, "reflector-visibility", arrays)
 
     @classmethod
     def load(cls, path: str | PathLike) -> "ReflectorVisibility":
         """Reads what :meth:`save` wrote and rebuilds the Embree tree."""
         arrays, _ = load_arrays(path, "reflector-visibility")
-        count = sum(name.startswith("texture_") and name != "texture_of" for name in arrays)
-        textures = tuple(arrays.pop(f"texture_{i}") for i in range(count))
+        count = sum(name.startswith("texels_") for name in arrays)
+        textures = tuple(arrays.pop(f"texels_{i}") for i in range(count))
         tracer = RayTracer(arrays["positions"], arrays["triangles"])
-        whole = {"uvs": None, "colours": None} | arrays
+        whole: dict[str, Any] = {"uvs": None, "colours": None, **arrays}
         return cls(tracer=tracer, textures=textures, **whole)
 
     def materials(self) -> tuple[Material, ...]:
@@ -148,7 +148,7 @@ class Reflectors:
             plane,
             ray,
         )
-        position, normal, plane, ray = (array[:left] for array in (position, normal, plane, ray))
+        position, normal, plane, ray = position[:left], normal[:left], plane[:left], ray[:left]
         triangle = hits.triangle[ray]
         weights = hits.barycentrics[ray].astype(np.float64)
         uv = colour = None
