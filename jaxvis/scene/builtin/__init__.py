@@ -20,6 +20,7 @@ from jaxvis.scene.builtin.balls import balls, balls_animation
 from jaxvis.scene.builtin.courtyard import courtyard
 from jaxvis.scene.builtin.hat import hat, hat_animation
 from jaxvis.scene.builtin.teapot import teapot
+from jaxvis.scene.builtin.terrain import terrain
 from jaxvis.scene.builtin.walker import walker, walker_animation
 from jaxvis.scene.scene import Scene
 
@@ -41,6 +42,7 @@ MAKERS: dict[str, Callable[..., Scene]] = {
     "hat": hat,
     "balls": balls,
     "walker": walker,
+    "terrain": terrain,
 }
 
 ANIMATIONS: dict[str, Callable[..., Animation]] = {
