@@ -1,6 +1,7 @@
 """The methods, by name (DESIGN §1)."""
 
 from jaxvis.methods.base import Method
+from jaxvis.methods.cones import HybridCones, VoxelCones
 from jaxvis.methods.distance_field import AdaptiveVisibility, DistanceField, ShadowMaps
 from jaxvis.methods.monte_carlo import MonteCarlo
 from jaxvis.methods.reference import Reference
@@ -81,11 +82,25 @@ register(
     family="visibility-field",
     summary="the estimator of visibility-field without the field: traces every ray",
 )
+register(
+    "hybrid-cones",
+    HybridCones,
+    family="cones",
+    summary="cones through voxels and a height field: diffuse light, one bounce if asked for",
+    representative=True,
+)
+register(
+    "voxel-cones",
+    VoxelCones,
+    family="cones",
+    summary="voxel cone tracing: the same with everything in one 3D lightmap",
+)
 
 __all__ = [
     "AdaptiveVisibility",
     "DistanceField",
     "Entry",
+    "HybridCones",
     "Method",
     "MonteCarlo",
     "Reference",
@@ -94,6 +109,7 @@ __all__ = [
     "VectorizedVisibility",
     "VisibilityCorrespondence",
     "VisibilityField",
+    "VoxelCones",
     "create",
     "names",
     "parse_list",

@@ -1,0 +1,167 @@
+"""An environment as cones see it: small bright sources apart, the rest averaged over cones."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float64
+
+from jaxvis.lighting import Environment
+from jaxvis.lighting.blur import phong_blur
+from jaxvis.lighting.partition import partition
+from jaxvis.sphere import latlong
+
+EXPONENT = 6.0
+"""Of the Phong lobe over which the sky is averaged: six of them, weighted as cones are, add up to
+the cosine to 26 % (root mean square over the hemisphere; 5 is the least), and to pi exactly."""
+
+ROWS = 32
+"""Of the averaged sky."""
+
+SUN_CELLS = 512
+"""Cells among which suns are looked for."""
+
+SUN_SIZE = 4e-3
+"""Largest solid angle of a sun's cell (steradians): four degrees across."""
+
+SUN_SHARE = 0.05
+"""Least share of all flux that makes a small source a sun."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Sky:
+    """An environment averaged over cones, its halves above and below the horizon apart: a height
+    field hides a cone's lower part first, and with it the light from below."""
+
+    upper: Float[Array, "rows columns 3"]
+    """Averages over a cone about each direction of radiance from above, and black below."""
+    lower: Float[Array, "rows columns 3"]
+    """The other way round."""
+    below: Float[Array, "rows columns 1"]
+    """Shares of the cones that are below the horizon."""
+
+    @staticmethod
+    def of(radiance: Float[Array, "height width 3"]) -> "Sky":
+        height = radiance.shape[0]
+        under = jnp.arange(height)[:, None, None] >= height // 2
+        ones = jnp.ones_like(radiance)
+        upper, lower, below = (
+            phong_blur(jnp.where(side, values, 0.0), EXPONENT, ROWS)
+            for side, values in ((~under, radiance), (under, radiance), (under, ones))
+        )
+        return Sky(upper, lower, below[..., :1])
+
+    def through(
+        self, axis: Float[Array, "points 3"], above: Float[Array, "points"]
+    ) -> Float[Array, "points 3"]:
+        """Radiance from the upper ``above`` of the cones about these axes, the rest black."""
+        below = jnp.clip(latlong.bilinear(self.below, axis)[:, 0], 1e-4, 1.0 - 1e-4)
+        low = jnp.maximum(above - (1.0 - below), 0.0) / below
+        high = jnp.minimum(above / (1.0 - below), 1.0)
+        upper, lower = latlong.bilinear(self.upper, axis), latlong.bilinear(self.lower, axis)
+        return high[:, None] * upper + low[:, None] * lower
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ConeLight:
+    """Directional lights and a smooth sky. Flux is radiance x solid angle."""
+
+    sky: Sky
+    """Without the suns."""
+    sun_directions: Float[Array, "suns 3"]
+    sun_flux: Float[Array, "suns 3"]
+    directions: Float[Array, "directions 3"]
+    """For the light that surfaces send on: the sky as some directional lights."""
+    flux: Float[Array, "directions 3"]
+
+
+def cone_light(environment: Environment, suns: int, directions: int) -> ConeLight:
+    """Splits an environment (host).
+
+    Args:
+        environment: one light.
+        suns: the most sources that are taken apart, brightest first.
+        directions: lights that stand for the rest of the sky.
+    """
+    radiance = np.asarray(environment.radiance, np.float64)
+    solid = latlong.row_solid_angles(*radiance.shape[:2])[:, None]
+    found, kept = _suns(radiance, solid, suns)
+    along, flux = _cells(kept, solid, directions)
+    sky = Sky.of(jnp.asarray(kept, jnp.float32))
+    single = jnp.float32
+    return ConeLight(
+        sky,
+        jnp.asarray(found[:, :3], single).reshape(-1, 3),
+        jnp.asarray(found[:, 3:], single).reshape(-1, 3),
+        jnp.asarray(along, single),
+        jnp.asarray(flux, single),
+    )
+
+
+def _suns(
+    radiance: Float64[np.ndarray, "height width 3"],
+    solid: Float64[np.ndarray, "height 1"],
+    count: int,
+) -> tuple[Float64[np.ndarray, "suns 6"], Float64[np.ndarray, "height width 3"]]:
+    """(direction and flux of each, the map without them)."""
+    kept = radiance.copy()
+    energy = radiance.mean(axis=-1) * solid
+    whole = energy.sum()
+    if not count or not whole > 0.0:
+        return np.zeros((0, 6)), kept
+    cells = partition(energy, SUN_CELLS)
+    found = []
+    for top, bottom, left, right in cells.tolist():
+        here = energy[top:bottom, left:right]
+        size = float(solid[top:bottom].sum()) * (right - left)
+        if size <= SUN_SIZE and here.sum() >= SUN_SHARE * whole:
+            found.append((float(here.sum()), (top, bottom, left, right)))
+    found.sort(reverse=True)
+    rows = []
+    for _, (top, bottom, left, right) in found[:count]:
+        along, flux = _summed(radiance, solid, top, bottom, left, right)
+        rows.append(np.concatenate([along, flux]))
+        # What is behind a sun is as bright as what is around it, about.
+        kept[top:bottom, left:right] = np.median(
+            radiance[max(top - 2, 0) : bottom + 2, max(left - 2, 0) : right + 2], axis=(0, 1)
+        )
+    return np.array(rows).reshape(-1, 6), kept
+
+
+def _cells(
+    radiance: Float64[np.ndarray, "height width 3"],
+    solid: Float64[np.ndarray, "height 1"],
+    count: int,
+) -> tuple[Float64[np.ndarray, "cells 3"], Float64[np.ndarray, "cells 3"]]:
+    """Directions and flux of the cells of an adaptive partition."""
+    cells = partition(radiance.mean(axis=-1) * solid, count)
+    parts = [_summed(radiance, solid, *cell) for cell in cells.tolist()]
+    return np.array([along for along, _ in parts]), np.array([flux for _, flux in parts])
+
+
+def _summed(
+    radiance: Float64[np.ndarray, "height width 3"],
+    solid: Float64[np.ndarray, "height 1"],
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    """Mean direction, by energy, and flux of a cell."""
+    height, width = radiance.shape[:2]
+    flux = radiance[top:bottom, left:right] * solid[top:bottom, :, None]
+    phi = 2.0 * np.pi * (np.arange(left, right) + 0.5) / width
+    theta = np.pi * (np.arange(top, bottom) + 0.5) / height
+    energy = flux.mean(axis=-1) + 1e-30 * solid[top:bottom]
+    sine = np.sin(theta)[:, None]
+    along = np.array(
+        [
+            (energy * sine * np.sin(phi)).sum(),
+            (energy * np.cos(theta)[:, None]).sum(),
+            -(energy * sine * np.cos(phi)).sum(),
+        ]
+    )
+    return along / np.linalg.norm(along), flux.sum(axis=(0, 1))

@@ -1,0 +1,237 @@
+"""Hybrid cone tracing (paper 003), and the voxel cone tracing that it is compared with."""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxvis.cores import core_count
+from jaxvis.lighting import Environment
+from jaxvis.methods.base import Method, refuse_spheres
+from jaxvis.methods.cones.cones import cone_set
+from jaxvis.methods.cones.inject import (
+    colours_of,
+    irradiance,
+    irradiance_of_patches,
+    irradiance_of_texels,
+    lit,
+    volume_of,
+)
+from jaxvis.methods.cones.light import ConeLight, cone_light
+from jaxvis.methods.cones.march import Lightmaps, March, Points, Stepping, cone_radiosity
+from jaxvis.methods.cones.visibility import ConeVisibility, build
+from jaxvis.methods.traced import shading_points, to_image
+from jaxvis.scene import Scene, Surface
+
+POINTS_AT_ONCE = 4096
+"""Points whose cones are followed together: their state stays in the cache."""
+
+SKY_STRIDE = 4
+"""Texels between those at which light from the sky is traced."""
+
+
+@dataclass(frozen=True)
+class HybridCones(Method):
+    """Diffuse light by cones through voxels and a height field (paper 003).
+
+    Connected meshes whose surface is a height field, to ``threshold`` of their diagonal (eq. 5),
+    are stored in a 2D lightmap of ``texels``^2; all others in a 3D lightmap of ``voxels``^3, whose
+    voxels look different from six sides. Each pixel sends ``cones`` cones of an ``aperture`` in
+    radians: they meet the lightmaps at levels of their own width, and what is left of them the sky,
+    averaged over a cone. With ``bounces=1`` the lightmaps send on, diffusely, the light of the
+    environment that falls on them, by ``directions`` shadow rays each.
+
+    Up to ``suns`` small bright sources are taken out of the environment and shine with traced
+    shadows, from every pixel. Only the base colour reflects: specular light is left out, as in the
+    paper.
+
+    ``stepping="cubes"`` marches by cubes that touch one another (eq. 10), ``"half"`` by half of the
+    cone's width.
+    """
+
+    voxels: int = 128
+    texels: int = 2048
+    cones: int = 6
+    aperture: float = math.pi / 3.0
+    stepping: Stepping = "cubes"
+    bounces: int = 0
+    suns: int = 2
+    directions: int = 64
+    threshold: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name, least in (("voxels", 4), ("texels", 4)):
+            value = getattr(self, name)
+            if value < least or value & (value - 1):
+                raise ValueError(f"{name} must be a power of two of at least {least}, got {value}")
+        if self.voxels > 512 or self.texels > 8192:
+            raise ValueError(
+                f"voxels may be 512 and texels 8192 at most, got {self.voxels} and {self.texels}"
+            )
+        cone_set(self.cones)
+        if isinstance(self.aperture, float | int) and not 0.05 <= self.aperture <= 2.0:
+            raise ValueError(f"aperture must be from 0.05 to 2 radians, got {self.aperture}")
+        if self.stepping not in get_args(Stepping):
+            raise ValueError(f"stepping must be cubes or half, got {self.stepping!r}")
+        if self.bounces not in (0, 1):
+            raise ValueError(f"bounces must be 0 or 1, got {self.bounces}")
+        if self.suns < 0:
+            raise ValueError(f"suns must be at least 0, got {self.suns}")
+        if self.directions < 8:
+            raise ValueError(f"directions must be at least 8, got {self.directions}")
+        if not self.threshold >= 0.0:
+            raise ValueError(f"threshold must be at least 0, got {self.threshold}")
+
+    @property
+    def _plan(self) -> int:
+        return self.texels
+
+    def precompute(self, scene: Scene, progress: bool = True) -> ConeVisibility:
+        """Voxels and heights, with what light falls on if it bounces."""
+        return build(scene, self.voxels, self._plan, self.threshold, self.bounces > 0)
+
+    def light(self, environment: Environment) -> ConeLight:
+        """The suns, the sky averaged over cones, and lights that stand for it in shadow rays."""
+        refuse_spheres(environment, self)
+        return cone_light(environment, self.suns, self.directions)
+
+    def lightmaps(self, visibility: ConeVisibility, light: ConeLight) -> Lightmaps:
+        """The maps lit: black without bounces.
+
+        Raises:
+            ValueError: the visibility was made without bounces.
+        """
+        maps = visibility.maps
+        if not self.bounces:
+            return maps
+        solid, level = visibility.volume, visibility.plan
+        if (maps.grid is not None and solid is None) or (maps.plan is not None and level is None):
+            raise ValueError("the visibility was precomputed with bounces=0: precompute it again")
+        if maps.grid is not None and solid is not None:
+            seen = np.asarray(solid.origin), np.asarray(solid.normal)
+            fallen = irradiance_of_patches(visibility.tracer, *seen, light)
+            channels = volume_of(
+                jnp.asarray(solid.albedo) / math.pi * fallen,
+                *(solid.fronts, solid.backs, solid.two_sided, solid.slot, solid.voxels),
+                resolution=maps.grid.resolution,
+                count=len(solid.voxels),
+            )
+            maps = replace(maps, volume=channels)
+        if maps.plan is not None and level is not None:
+            seen = np.asarray(level.origin), np.asarray(level.normal)
+            size = maps.plan.resolution
+            fallen = irradiance_of_texels(visibility.tracer, *seen, light, size, SKY_STRIDE)
+            colours = colours_of(jnp.asarray(level.albedo) / math.pi * fallen, size)
+            maps = replace(maps, colours=colours)
+        return maps
+
+    def shade(
+        self,
+        visibility: ConeVisibility,
+        light: ConeLight,
+        surface: Surface,
+        *,
+        key: jax.Array | None = None,
+        progress: bool = False,
+    ) -> Float[Array, "height width 3"]:
+        """Light from the sky and, with bounces, from surfaces through cones; from suns by rays."""
+        maps = self.lightmaps(visibility, light)
+        points = shading_points(surface)
+        fallen = self.gather(visibility, maps, light, surface)
+        if len(light.sun_flux):
+            seen = np.asarray(points.origin), np.asarray(points.normal)
+            # A shading normal may face a sun that its triangle does not.
+            facing = np.asarray(points.geometric_normal)
+            sunlit = lit(visibility.tracer, *seen, np.asarray(light.sun_directions))
+            sunlit &= facing @ np.asarray(light.sun_directions).T > 0.0
+            fallen = fallen + irradiance(
+                points.normal, jnp.asarray(sunlit), light.sun_directions, light.sun_flux
+            )
+        radiance = points.material.base_colour * fallen / math.pi
+        return to_image(surface, points, np.asarray(radiance))
+
+    def gather(
+        self, visibility: ConeVisibility, maps: Lightmaps, light: ConeLight, surface: Surface
+    ) -> Float[Array, "points 3"]:
+        """Irradiance of each shaded point of the surface by cones alone."""
+        points = shading_points(surface)
+        position = np.asarray(surface.position).reshape(-1, 3)[np.asarray(points.pixel)]
+        triangle = np.asarray(surface.triangle).reshape(-1)[np.asarray(points.pixel)]
+        voxel = 0.0 if maps.grid is None else float(maps.grid.voxel)
+        texel = 0.0 if maps.plan is None else float(maps.plan.texel)
+        flat = np.asarray(visibility.flat)[triangle]
+        # A cone begins beyond the voxel, or the texel, that its own surface is in.
+        away = np.where(flat, 0.25 * texel, 1.0 * voxel).astype(np.float32)
+        first = np.where(flat, texel, voxel).astype(np.float32)
+        starts = Points(jnp.asarray(position), points.normal, jnp.asarray(away), jnp.asarray(first))
+        march = self._march(maps)
+
+        def trace(some: Points) -> Array:
+            return cone_radiosity(maps, light.sky, some, self.aperture, march)
+
+        return _in_threads(trace, starts)
+
+    def _march(self, maps: Lightmaps) -> March:
+        """Steps from the first voxel or texel on until cones have crossed the scene."""
+        nominal = self.aperture if isinstance(self.aperture, float | int) else math.pi / 3.0
+        wide = 2.0 * math.tan(0.5 * nominal)
+        growth = 1.0 + wide * (math.sqrt(0.5) if self.stepping == "cubes" else 0.5)
+        sides = []
+        if maps.grid is not None:
+            sides.append((float(maps.grid.voxel), maps.grid.resolution))
+        if maps.plan is not None:
+            sides.append((float(maps.plan.texel), maps.plan.resolution))
+        sizes = [size for size, _ in sides]
+        first = sizes[0]
+        largest = math.sqrt(3.0) * max(size * count for size, count in sides)
+        near = math.log(first / sizes[-1]) / math.log(growth)
+        steps = math.log(largest / first) / math.log(growth)
+        return March(self.stepping, self.cones, math.ceil(steps) + 1, max(math.ceil(near), 0))
+
+    def evaluations(self, visibility: Any, light: ConeLight, surface: Surface) -> int:
+        """Cones."""
+        return int(jnp.sum(surface.mask)) * self.cones
+
+
+@dataclass(frozen=True)
+class VoxelCones(HybridCones):
+    """Voxel cone tracing (Crassin et al. 2011), paper 003's baseline: all in one 3D lightmap.
+
+    The same voxels, cones, sky and light as :class:`HybridCones`, by steps of half a cone's width.
+    """
+
+    voxels: int = 256
+    texels: int = 4
+    stepping: Stepping = "half"
+
+    @property
+    def _plan(self) -> int:
+        return 0
+
+
+def _in_threads(
+    trace: Callable[[Points], Float[Array, "few 3"]], points: Points
+) -> Float[Array, "points 3"]:
+    """Blocks of one size, several at once: XLA runs the loops inside each on one core."""
+    count = len(points.position)
+    if not count:
+        return jnp.zeros((0, 3))
+    size = min(POINTS_AT_ONCE, 1 << (count - 1).bit_length())
+    missing = -count % size
+    padded = jax.tree.map(
+        lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], missing, axis=0)]),
+        jax.tree.map(np.asarray, points),
+    )
+    blocks = [
+        jax.tree.map(lambda leaf, a=a: leaf[a : a + size], padded)
+        for a in range(0, count + missing, size)
+    ]
+    with ThreadPoolExecutor(core_count(), thread_name_prefix="jaxvis-cones") as pool:
+        found = list(pool.map(lambda block: jax.block_until_ready(trace(block)), blocks))
+    return jnp.concatenate(found)[:count]
