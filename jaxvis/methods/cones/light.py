@@ -41,27 +41,32 @@ class Sky:
     """The other way round."""
     below: Float[Array, "rows columns 1"]
     """Shares of the cones that are below the horizon."""
+    from_above: Float[Array, "rows columns 3"]
+    """Irradiance over the normal of a free surface, from above the horizon."""
+    from_below: Float[Array, "rows columns 3"]
+    """The same from below."""
 
     @staticmethod
     def of(radiance: Float[Array, "height width 3"]) -> "Sky":
         height = radiance.shape[0]
         under = jnp.arange(height)[:, None, None] >= height // 2
-        ones = jnp.ones_like(radiance)
-        upper, lower, below = (
-            phong_blur(jnp.where(side, values, 0.0), EXPONENT, ROWS)
-            for side, values in ((~under, radiance), (under, radiance), (under, ones))
-        )
-        return Sky(upper, lower, below[..., :1])
+        above, under = jnp.where(under, 0.0, radiance), jnp.where(under, radiance, 0.0)
+        half = jnp.where(jnp.arange(height)[:, None, None] >= height // 2, 1.0, 0.0)
+        share = phong_blur(jnp.broadcast_to(half, radiance.shape), EXPONENT, ROWS)[..., :1]
+        upper, lower = (phong_blur(part, EXPONENT, ROWS) for part in (above, under))
+        from_above, from_below = (np.pi * phong_blur(part, 1.0, ROWS) for part in (above, under))
+        return Sky(upper, lower, share, from_above, from_below)
 
     def through(
         self, axis: Float[Array, "points 3"], above: Float[Array, "points"]
-    ) -> Float[Array, "points 3"]:
-        """Radiance from the upper ``above`` of the cones about these axes, the rest black."""
+    ) -> tuple[Float[Array, "points 3"], Float[Array, "points 3"]]:
+        """Radiance from above and from below the horizon through the upper ``above`` of the cones
+        about these axes, the rest of which is black."""
         below = jnp.clip(latlong.bilinear(self.below, axis)[:, 0], 1e-4, 1.0 - 1e-4)
         low = jnp.maximum(above - (1.0 - below), 0.0) / below
         high = jnp.minimum(above / (1.0 - below), 1.0)
         upper, lower = latlong.bilinear(self.upper, axis), latlong.bilinear(self.lower, axis)
-        return high[:, None] * upper + low[:, None] * lower
+        return high[:, None] * upper, low[:, None] * lower
 
 
 @jax.tree_util.register_dataclass

@@ -8,20 +8,38 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxvis.methods.cones.cells import (
+    Accumulation,
+    Cube,
+    Fit,
+    Lanes,
+    Vector,
+    fitting_cube,
+    footprint,
+    may_meet,
+    occlusion,
+    search,
+)
 from jaxvis.methods.cones.cones import cone_set, upright_frame
-from jaxvis.methods.cones.heights import LARGEST, Plan, corners
+from jaxvis.methods.cones.heights import Plan
+from jaxvis.methods.cones.horizon import SLICES, Slices, above, rise_to, slices_of
 from jaxvis.methods.cones.light import Sky
+from jaxvis.methods.cones.ranges import PowerSums
 from jaxvis.methods.cones.volume import Channels, Grid, sample_volume
+from jaxvis.methods.traced import components
+from jaxvis.sphere import latlong
 
 Stepping = Literal["cubes", "half"]
-
-Lanes = Float[Array, "lanes"]
-Vector = tuple[Lanes, Lanes, Lanes]
-
-SLICES = (-2.0 / 3.0, 0.0, 2.0 / 3.0)
-"""Azimuths across a cone in which horizons are followed, in half widths."""
+Search = Literal["horizon", "cells"]
 
 OPAQUE = 0.99
+
+SPENT = 0.02
+"""Share of a cone that is still clear, below which the search by cells leaves it alone."""
+
+TINY = 0.25
+"""Half of the diagonal of what a cube has in the voxels' box, in voxels of its level: smaller parts
+are left out."""
 
 
 @jax.tree_util.register_dataclass
@@ -38,6 +56,8 @@ class Lightmaps:
     """16-bit, all levels."""
     colours: tuple[Array, ...]
     """Red, green and blue of the height field, all levels, or none."""
+    ranges: Array | PowerSums | None = None
+    """Of the heights, where they are searched by cells."""
 
     @property
     def nbytes(self) -> int:
@@ -56,6 +76,12 @@ class March:
     steps: int
     near: int = 0
     """Steps before these through the height field alone, up to the size of a voxel."""
+    search: Search = "horizon"
+    """What rises above horizons along three azimuths, or the paper's search of cells in cubes."""
+    fit: Fit = "clean"
+    """Of the cubes."""
+    accumulation: Accumulation = "clean"
+    """Of what is found in cells."""
 
 
 class Points(NamedTuple):
@@ -90,20 +116,47 @@ def cone_radiosity(
     cones = cone_set(march.cones)
     start = points.position + points.normal * points.away[:, None]
     tangent, bitangent = upright_frame(points.normal)
-    begin = (start[:, 0], start[:, 1], start[:, 2])
-
-    def one(total: Float[Array, "points 3"], cone: tuple[Array, Array]) -> tuple[Array, None]:
-        local, weight = cone
-        axis = local[0] * tangent + local[1] * bitangent + local[2] * points.normal
-        toward = (axis[:, 0], axis[:, 1], axis[:, 2])
-        gathered, clear, above = _one_cone(maps, begin, toward, points.first, 0.5 * aperture, march)
-        beyond = clear[:, None] * sky.through(axis, above)
-        colour = jnp.stack(gathered, axis=-1) + beyond
-        return total + weight * colour, None
+    begin, upright = components(start), components(points.normal)
 
     axes = jnp.asarray(cones.axes, jnp.float32), jnp.asarray(cones.weights, jnp.float32)
-    total, _ = jax.lax.scan(one, jnp.zeros_like(start), axes)
-    return total
+
+    def axis_of(local: Array) -> Float[Array, "points 3"]:
+        return local[0] * tangent + local[1] * bitangent + local[2] * points.normal
+
+    def free(total: Totals, cone: tuple[Array, Array]) -> tuple[Totals, None]:
+        axis = axis_of(cone[0])
+        upper, lower = sky.through(axis, jnp.ones_like(axis[:, 0]))
+        return Totals(total.upper + cone[1] * upper, total.lower + cone[1] * lower, 0.0), None
+
+    def one(total: Totals, cone: tuple[Array, Array]) -> tuple[Totals, None]:
+        axis, weight = axis_of(cone[0]), cone[1]
+        gathered, clear, over = _one_cone(
+            maps, begin, components(axis), upright, points.first, 0.5 * aperture, march
+        )
+        seen = sky.through(axis, over)
+        upper, lower = (weight * clear[:, None] * part for part in seen)
+        surfaces = weight * jnp.stack(gathered, axis=-1)
+        return Totals(total.upper + upper, total.lower + lower, total.surfaces + surfaces), None
+
+    none = jnp.zeros_like(start)
+    unblocked, _ = jax.lax.scan(free, Totals(none, none, 0.0), axes)
+    total, _ = jax.lax.scan(one, Totals(none, none, none), axes)
+    # Cones overlap, reach below the tangent plane, and weigh all that is in them alike: what they
+    # would make of a free sky tells how much too bright or too dark that is.
+    exact = (latlong.bilinear(part, points.normal) for part in (sky.from_above, sky.from_below))
+    upper, lower = (
+        of * jnp.where(alone > 0.0, whole / jnp.maximum(alone, 1e-12), 0.0)
+        for of, alone, whole in zip(total[:2], unblocked[:2], exact, strict=True)
+    )
+    return upper + lower + total.surfaces
+
+
+class Totals(NamedTuple):
+    """Irradiance: from the sky above and below the horizon, and from surfaces."""
+
+    upper: Float[Array, "points 3"]
+    lower: Float[Array, "points 3"]
+    surfaces: Float[Array, "points 3"] | float
 
 
 class State(NamedTuple):
@@ -118,12 +171,19 @@ class State(NamedTuple):
 
 
 def _one_cone(
-    maps: Lightmaps, begin: Vector, toward: Vector, first: Lanes, half: Array | float, march: March
+    maps: Lightmaps,
+    begin: Vector,
+    toward: Vector,
+    normal: Vector,
+    first: Lanes,
+    half: Array | float,
+    march: March,
 ) -> tuple[Vector, Lanes, Lanes]:
     """(radiance gathered, share of the cone that the voxels let through, share of it that is above
     the height field)."""
     zero = jnp.zeros_like(first)
-    slices = None if maps.plan is None else _slices(toward, half)
+    follow = maps.plan is not None and march.search == "horizon"
+    slices = slices_of(toward, normal, half) if follow else None
     state = State(first, zero + 1.0, (zero,) * len(SLICES), (zero, zero, zero))
 
     def step(state: State, _: None) -> tuple[State, None]:
@@ -141,7 +201,7 @@ def _one_cone(
     state, _ = jax.lax.scan(jax.checkpoint(step), state, None, length=march.steps)  # pyright: ignore
     if slices is None:
         return state.colour, state.clear, zero + 1.0
-    return state.colour, state.clear, _above(slices, state.covered)
+    return state.colour, state.clear, above(slices, state.covered)
 
 
 def _advance(
@@ -150,147 +210,110 @@ def _advance(
     toward: Vector,
     half: Array | float,
     march: March,
-    slices: "Slices | None",
+    slices: Slices | None,
     state: State,
 ) -> State:
-    wide = 2.0 * jnp.tan(half)
     if march.stepping == "cubes":
-        # The cube's cross-section is inscribed in the cone's base (eq. 10).
-        side = state.distance * wide / jnp.sqrt(2.0)
-        centre, length = state.distance + 0.5 * side, side
+        cube = fitting_cube(begin, toward, state.distance, half, march.fit)
+        length = cube.side
     else:
-        side = state.distance * wide
+        side = 2.0 * state.distance * jnp.tan(half)
         if maps.grid is not None:
             side = jnp.maximum(side, maps.grid.voxel)
-        centre, length = state.distance, 0.5 * side
+        ahead = (b + state.distance * d for b, d in zip(begin, toward, strict=True))
+        cube, length = Cube(tuple(ahead), side), 0.5 * side  # pyright: ignore
     clear, covered, colour = state.clear, state.covered, state.colour
-    above = 1.0 if slices is None else _above(slices, covered)
+    seen_over = 1.0 if slices is None else above(slices, covered)
     if maps.grid is not None:
-        middle = tuple(b + centre * d for b, d in zip(begin, toward, strict=True))
-        found, opacity = _in_cube(maps.grid, maps.volume, middle, toward, side, length)
-        colour = tuple(c + clear * above * f for c, f in zip(colour, found, strict=True))  # pyright: ignore
+        found, opacity = _in_cube(maps.grid, maps.volume, cube, toward, length)
+        colour = tuple(c + clear * seen_over * f for c, f in zip(colour, found, strict=True))  # pyright: ignore
         clear = clear * (1.0 - opacity)
     if slices is not None:
-        covered, seen = _over_heights(maps, begin, slices, state.distance, length, half, covered)
+        assert maps.plan is not None
+        assert maps.heights is not None
+        covered, seen = rise_to(
+            maps.plan,
+            maps.heights,
+            maps.colours,
+            begin,
+            slices,
+            state.distance,
+            length,
+            half,
+            covered,
+        )
         colour = tuple(c + clear * s for c, s in zip(colour, seen, strict=True))  # pyright: ignore
+    elif maps.plan is not None:
+        seen, share = _over_cells(maps, begin, toward, half, cube, march, state.distance, clear)
+        colour = tuple(c + clear * s for c, s in zip(colour, seen, strict=True))  # pyright: ignore
+        clear = clear * (1.0 - share)
     return State(state.distance + length, clear, covered, colour)  # pyright: ignore
 
 
 def _in_cube(
-    grid: Grid,
-    volume: Channels,
-    middle: tuple[Lanes, ...],
-    toward: Vector,
-    side: Lanes,
-    length: Lanes,
+    grid: Grid, volume: Channels, cube: Cube, toward: Vector, length: Lanes
 ) -> tuple[Vector, Lanes]:
     """Premultiplied radiance and opacity of what the voxels have in a cube (eqs. 12, 15)."""
     extent = grid.resolution * grid.voxel
-    centres, volume_share = [], 1.0
-    for axis, m in enumerate(middle):
-        low = jnp.maximum(m - 0.5 * side, grid.low[axis])
-        high = jnp.minimum(m + 0.5 * side, grid.low[axis] + extent)
+    centres, volume_share, diagonal = [], 1.0, 0.0
+    for axis, m in enumerate(cube.centre):
+        low = jnp.maximum(m - 0.5 * cube.side, grid.low[axis])
+        high = jnp.minimum(m + 0.5 * cube.side, grid.low[axis] + extent)
         centres.append(0.5 * (low + high))
-        volume_share = volume_share * jnp.clip((high - low) / side, 0.0, 1.0)
-    level = jnp.log2(jnp.maximum(side / grid.voxel, 1.0))
-    *premultiplied, opacity = sample_volume(grid, volume, tuple(centres), toward, level)
-    opacity = jnp.clip(opacity, 0.0, OPAQUE)
-    # Opacity of a cube's depth, for the part of it that is passed and that lies in the grid.
-    size = jnp.maximum(side, grid.voxel)
-    passed = 1.0 - (1.0 - opacity) ** (length / size)
-    passed = jnp.where(volume_share > 0.0, passed * volume_share, 0.0)
-    scale = passed / jnp.maximum(opacity, 1e-4)
-    if not premultiplied:
-        black = jnp.zeros_like(opacity)
-        return (black, black, black), passed
-    red, green, blue = premultiplied
-    return (red * scale, green * scale, blue * scale), passed
+        volume_share = volume_share * jnp.clip((high - low) / cube.side, 0.0, 1.0)
+        diagonal = diagonal + jnp.maximum(high - low, 0.0) ** 2
+    size = jnp.maximum(cube.side, grid.voxel)
+    inside = (volume_share > 0.0) & (diagonal > (2.0 * TINY * size) ** 2)
+
+    def look() -> tuple[Vector, Lanes]:
+        level = jnp.log2(size / grid.voxel)
+        *premultiplied, opacity = sample_volume(grid, volume, tuple(centres), toward, level)
+        opacity = jnp.clip(opacity, 0.0, OPAQUE)
+        # Opacity of a cube's depth, for the part of it that is passed and that lies in the grid.
+        passed = 1.0 - (1.0 - opacity) ** (length / size)
+        passed = jnp.where(inside, passed * volume_share, 0.0)
+        scale = passed / jnp.maximum(opacity, 1e-4)
+        if not premultiplied:
+            return _nothing(length)[0], passed
+        red, green, blue = premultiplied
+        return (red * scale, green * scale, blue * scale), passed
+
+    # Skipped where no cone's cube of a block meets the box: XLA would look it up for all.
+    return jax.lax.cond(jnp.any(inside), look, lambda: _nothing(length))
 
 
-class Slices(NamedTuple):
-    """A cone cut along vertical planes through its start."""
-
-    x: tuple[Lanes, ...]
-    """Horizontal unit directions."""
-    z: tuple[Lanes, ...]
-    low: tuple[Lanes, ...]
-    """Sines of the elevations at which each slice begins and ends."""
-    high: tuple[Lanes, ...]
-    weight: tuple[Lanes, ...]
-    """Shares of the cone's solid angle; they add up to 1."""
-    reach: Lanes
-    """Horizontal distance of the cone's lower edge, per distance along its axis."""
+def _nothing(like: Lanes) -> tuple[Vector, Lanes]:
+    """Neither radiance nor opacity."""
+    zero = jnp.zeros_like(like)
+    return (zero, zero, zero), zero
 
 
-def _slices(toward: Vector, half: Array | float) -> Slices:
-    x, y, z = toward
-    level = jnp.sqrt(jnp.maximum(x * x + z * z, 1e-12))
-    forward_x, forward_z = x / level, z / level
-    # Half of the azimuths that the cone covers: all where it holds the zenith.
-    ratio = jnp.sin(half) / level
-    spread = jnp.where(ratio < 1.0, jnp.arcsin(jnp.minimum(ratio, 1.0 - 1e-6)), jnp.pi)
-    found = []
-    for share in SLICES:
-        turn = share * spread
-        c, s = jnp.cos(turn), jnp.sin(turn)
-        # Elevations e of the slice within the cone: y sin e + level c cos e >= cos half.
-        across = level * c
-        length = jnp.sqrt(y * y + across * across)
-        middle = jnp.arctan2(y, across)
-        inside = jnp.arccos(jnp.clip(jnp.cos(half) / jnp.maximum(length, 1e-6), -1.0, 1.0 - 1e-6))
-        low = jnp.sin(jnp.clip(middle - inside, -0.5 * jnp.pi, 0.5 * jnp.pi))
-        high = jnp.sin(jnp.clip(middle + inside, -0.5 * jnp.pi, 0.5 * jnp.pi))
-        direction = forward_x * c - forward_z * s, forward_z * c + forward_x * s
-        found.append((*direction, low, jnp.maximum(high, low + 1e-4)))
-    columns = tuple(zip(*found, strict=True))
-    sizes = [high - low for low, high in zip(columns[2], columns[3], strict=True)]
-    whole = sum(sizes)
-    weight = tuple(size / whole for size in sizes)
-    reach = level + jnp.tan(half) * jnp.abs(y)
-    return Slices(*columns, weight=weight, reach=reach)  # pyright: ignore
-
-
-def _above(slices: Slices, covered: tuple[Lanes, ...]) -> Lanes:
-    """Share of a cone that is above its horizons."""
-    return 1.0 - sum(w * c for w, c in zip(slices.weight, covered, strict=True))  # pyright: ignore
-
-
-def _over_heights(
+def _over_cells(
     maps: Lightmaps,
     begin: Vector,
-    slices: Slices,
-    distance: Lanes,
-    length: Lanes,
+    toward: Vector,
     half: Array | float,
-    covered: tuple[Lanes, ...],
-) -> tuple[tuple[Lanes, ...], Vector]:
-    """Horizons after a step, and the radiance of what rises above those before it.
-
-    What is hidden from the start never rises above the horizon, so back faces are culled and a
-    height counts only if no nearer one hides it.
-    """
-    plan = maps.plan
+    cube: Cube,
+    march: March,
+    distance: Lanes,
+    clear: Lanes,
+) -> tuple[Vector, Lanes]:
+    """Premultiplied radiance and occlusion of what cells of the height field have in a cube."""
+    plan, heights, table = maps.plan, maps.heights, maps.ranges
     assert plan is not None
-    assert maps.heights is not None
-    growth = (distance + length) / distance
-    colour: list[Lanes] = [jnp.zeros_like(distance)] * 3
-    result = list(covered)
-    away = slices.reach * distance * jnp.sqrt(growth)
-    width = away * jnp.minimum(jnp.tan(half), growth - 1.0)
-    level = jnp.clip(jnp.round(jnp.log2(width / plan.texel)), 0.0, plan.levels - 1.0)
-    for s in range(len(SLICES)):
-        at = corners(
-            plan,
-            begin[0] + away * slices.x[s],
-            begin[2] + away * slices.z[s],
-            level.astype(jnp.int32),
+    assert heights is not None
+    assert table is not None
+    rectangle = footprint(plan, cube)
+    wanted = (clear > SPENT) & may_meet(table, plan, rectangle, cube)
+
+    def look() -> tuple[Vector, Lanes]:
+        found = search(plan, heights, maps.colours, begin, toward, half, cube, rectangle)
+        share = jnp.where(
+            wanted, occlusion(found.coverage, cube.side, distance, march.accumulation), 0.0
         )
-        rise = plan.low[1] + plan.rise * at.read(maps.heights, 1.0 / LARGEST) - begin[1]
-        sine = rise / jnp.sqrt(rise * rise + away * away)
-        low, high = slices.low[s], slices.high[s]
-        share = jnp.clip((sine - low) / (high - low), 0.0, 1.0)
-        more = jnp.maximum(share - result[s], 0.0) * slices.weight[s]
-        result[s] = jnp.maximum(result[s], share)
-        for c, channel in enumerate(maps.colours):
-            colour[c] = colour[c] + more * at.read(channel)
-    return tuple(result), (colour[0], colour[1], colour[2])
+        if not maps.colours:
+            return _nothing(share)[0], share
+        return tuple(share * channel for channel in found.colour), share  # pyright: ignore
+
+    # Skipped where no cone of a block has to search.
+    return jax.lax.cond(jnp.any(wanted), look, lambda: _nothing(distance))

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from jaxvis.cores import core_count
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method, refuse_spheres
+from jaxvis.methods.cones.cells import Accumulation, Fit, Ranges, range_table
 from jaxvis.methods.cones.cones import cone_set
 from jaxvis.methods.cones.inject import (
     colours_of,
@@ -24,7 +25,15 @@ from jaxvis.methods.cones.inject import (
     volume_of,
 )
 from jaxvis.methods.cones.light import ConeLight, cone_light
-from jaxvis.methods.cones.march import Lightmaps, March, Points, Stepping, cone_radiosity
+from jaxvis.methods.cones.march import (
+    Lightmaps,
+    March,
+    Points,
+    Search,
+    Stepping,
+    cone_radiosity,
+)
+from jaxvis.methods.cones.ranges import PowerSums
 from jaxvis.methods.cones.visibility import ConeVisibility, build
 from jaxvis.methods.traced import shading_points, to_image
 from jaxvis.scene import Scene, Surface
@@ -53,6 +62,12 @@ class HybridCones(Method):
 
     ``stepping="cubes"`` marches by cubes that touch one another (eq. 10), ``"half"`` by half of the
     cone's width.
+
+    ``search="horizon"`` follows the height field's horizon along three azimuths of a cone.
+    ``"cells"`` is the paper's search, of 3 x 3 cells in each cube that the heights may reach, as
+    ``ranges`` tell: ``"pyramid"`` for exact bounds, ``"hsat"`` for the paper's. It accumulates the
+    share of cells that are met, by ``accumulation="paper"`` less at the beginning of a cone (eq.
+    17). ``fit="paper"`` fits cubes to cones that are not parallel to an axis by eq. 11.
     """
 
     voxels: int = 128
@@ -64,6 +79,10 @@ class HybridCones(Method):
     suns: int = 2
     directions: int = 64
     threshold: float = 1e-3
+    search: Search = "horizon"
+    fit: Fit = "clean"
+    accumulation: Accumulation = "clean"
+    ranges: Ranges = "pyramid"
 
     def __post_init__(self) -> None:
         for name, least in (("voxels", 4), ("texels", 4)):
@@ -79,6 +98,21 @@ class HybridCones(Method):
             raise ValueError(f"aperture must be from 0.05 to 2 radians, got {self.aperture}")
         if self.stepping not in get_args(Stepping):
             raise ValueError(f"stepping must be cubes or half, got {self.stepping!r}")
+        for name, kind in (
+            ("search", Search),
+            ("fit", Fit),
+            ("accumulation", Accumulation),
+            ("ranges", Ranges),
+        ):
+            if getattr(self, name) not in get_args(kind):
+                choice = " or ".join(get_args(kind))
+                raise ValueError(f"{name} must be {choice}, got {getattr(self, name)!r}")
+        if self.stepping != "cubes" and (self.search != "horizon" or self.fit != "clean"):
+            raise ValueError(f"search=cells and fit=paper need stepping=cubes, got {self.stepping}")
+        if self.fit == "paper" and isinstance(self.aperture, float | int) and self.aperture > 1.5:
+            raise ValueError(
+                f"aperture may be 1.5 radians at most with fit=paper, got {self.aperture}"
+            )
         if self.bounces not in (0, 1):
             raise ValueError(f"bounces must be 0 or 1, got {self.bounces}")
         if self.suns < 0:
@@ -94,7 +128,8 @@ class HybridCones(Method):
 
     def precompute(self, scene: Scene, progress: bool = True) -> ConeVisibility:
         """Voxels and heights, with what light falls on if it bounces."""
-        return build(scene, self.voxels, self._plan, self.threshold, self.bounces > 0)
+        found = build(scene, self.voxels, self._plan, self.threshold, self.bounces > 0)
+        return replace(found, maps=self._with_ranges(found.maps))
 
     def light(self, environment: Environment) -> ConeLight:
         """The suns, the sky averaged over cones, and lights that stand for it in shadow rays."""
@@ -107,7 +142,7 @@ class HybridCones(Method):
         Raises:
             ValueError: the visibility was made without bounces.
         """
-        maps = visibility.maps
+        maps = self._with_ranges(visibility.maps)
         if not self.bounces:
             return maps
         solid, level = visibility.volume, visibility.plan
@@ -177,11 +212,23 @@ class HybridCones(Method):
 
         return _in_threads(trace, starts)
 
+    def _with_ranges(self, maps: Lightmaps) -> Lightmaps:
+        """With the table that the search asks; without one from a file, or for the other search."""
+        if self.search != "cells" or maps.plan is None or maps.heights is None:
+            return maps
+        if maps.ranges is not None and isinstance(maps.ranges, PowerSums) == (
+            self.ranges == "hsat"
+        ):
+            return maps
+        return replace(maps, ranges=range_table(maps.heights, maps.plan, self.ranges))
+
     def _march(self, maps: Lightmaps) -> March:
         """Steps from the first voxel or texel on until cones have crossed the scene."""
         nominal = self.aperture if isinstance(self.aperture, float | int) else math.pi / 3.0
         wide = 2.0 * math.tan(0.5 * nominal)
-        growth = 1.0 + wide * (math.sqrt(0.5) if self.stepping == "cubes" else 0.5)
+        # The smallest cubes of eq. 11 are those with a diagonal across the cone.
+        step = 0.5 if self.stepping == "half" else math.sqrt(0.5 if self.fit == "clean" else 1 / 3)
+        growth = 1.0 + wide * step
         sides = []
         if maps.grid is not None:
             sides.append((float(maps.grid.voxel), maps.grid.resolution))
@@ -192,7 +239,15 @@ class HybridCones(Method):
         largest = math.sqrt(3.0) * max(size * count for size, count in sides)
         near = math.log(first / sizes[-1]) / math.log(growth)
         steps = math.log(largest / first) / math.log(growth)
-        return March(self.stepping, self.cones, math.ceil(steps) + 1, max(math.ceil(near), 0))
+        return March(
+            self.stepping,
+            self.cones,
+            math.ceil(steps) + 1,
+            max(math.ceil(near), 0),
+            self.search,
+            self.fit,
+            self.accumulation,
+        )
 
     def evaluations(self, visibility: Any, light: ConeLight, surface: Surface) -> int:
         """Cones."""

@@ -50,7 +50,7 @@ def level_offset(resolution: int, level: int) -> int:
     return sum((resolution >> finer) ** 3 for finer in range(level))
 
 
-Channels = tuple[Float[Array, "6*cells"], ...]
+Channels = tuple[Float[Array, "entries"], ...]
 """One flat array a channel, all levels of one face after those of another. Opacity is the last; the
 colours before it are premultiplied. Separate arrays because XLA fuses their loads on a CPU."""
 
