@@ -130,7 +130,7 @@ def range_table(heights: Array, plan: Plan, ranges: Ranges) -> Array | PowerSums
 
 
 class Rectangle(NamedTuple):
-    """Of the ground plan, in texels from its corner. Empty where a high one is not above the low."""
+    """Of the ground plan, in texels from its corner. Empty where high is not above low."""
 
     low: tuple[Lanes, Lanes]
     """x, z."""
@@ -219,7 +219,7 @@ def search(
             (0, 2), (one, other), rectangle.low, rectangle.high, strict=True
         )
     ]
-    at = corners(plan, *places, level)
+    at = corners(plan, places[0], places[1], level)
     step_x, step_z, height = _patch(plan, heights, at.cells, at.weights, level)
     # In units of the start's height and of horizontal distance from it.
     rise, dx, dz = height - begin[1], places[0] - begin[0], places[1] - begin[2]
