@@ -95,6 +95,23 @@ def above(slices: Slices, covered: tuple[Lanes, ...]) -> Lanes:
     return 1.0 - sum(w * c for w, c in zip(slices.weight, covered, strict=True))  # pyright: ignore
 
 
+def clear_of(slices: Slices, covered: tuple[Lanes, ...]) -> tuple[Lanes, Lanes]:
+    """What is left, above the horizons, of a cone's part above elevation 0 and of that below."""
+    upper = lower = uppers = lowers = jnp.zeros_like(slices.reach)
+    for w, c, low, high, along in zip(
+        slices.weight, covered, slices.low, slices.high, slices.along, strict=True
+    ):
+        ends = (jnp.clip(jnp.zeros_like(low), low, high), low, high)
+        level, first, last = (_received(e, slices.up, along) for e in ends)
+        below = jnp.clip((level - first) / jnp.maximum(last - first, 1e-6), 0.0, 1.0)
+        uppers, lowers = uppers + w * (1.0 - below), lowers + w * below
+        upper = upper + w * (1.0 - jnp.maximum(c, below))
+        lower = lower + w * jnp.maximum(below - c, 0.0)
+    over = jnp.where(uppers > 1e-4, upper / jnp.maximum(uppers, 1e-4), 0.0)
+    # What an averaged sky still has from below, where a cone has no such part, is the average's.
+    return over, jnp.where(lowers > 1e-4, lower / jnp.maximum(lowers, 1e-4), over)
+
+
 def rise_to(
     plan: Plan,
     heights: Array,

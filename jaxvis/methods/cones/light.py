@@ -25,6 +25,12 @@ SUN_CELLS = 512
 SUN_SIZE = 4e-3
 """Largest solid angle of a sun's cell (steradians): four degrees across."""
 
+SUN_APART = 0.05
+"""Radians within which small cells are parts of one sun."""
+
+PART_SHARE = 1e-3
+"""Least share of all flux that makes a small cell a part of a sun."""
+
 SUN_SHARE = 0.05
 """Least share of all flux that makes a small source a sun."""
 
@@ -39,8 +45,6 @@ class Sky:
     """Averages over a cone about each direction of radiance from above, and black below."""
     lower: Float[Array, "rows columns 3"]
     """The other way round."""
-    below: Float[Array, "rows columns 1"]
-    """Shares of the cones that are below the horizon."""
     from_above: Float[Array, "rows columns 3"]
     """Irradiance over the normal of a free surface, from above the horizon."""
     from_below: Float[Array, "rows columns 3"]
@@ -51,22 +55,15 @@ class Sky:
         height = radiance.shape[0]
         under = jnp.arange(height)[:, None, None] >= height // 2
         above, under = jnp.where(under, 0.0, radiance), jnp.where(under, radiance, 0.0)
-        half = jnp.where(jnp.arange(height)[:, None, None] >= height // 2, 1.0, 0.0)
-        share = phong_blur(jnp.broadcast_to(half, radiance.shape), EXPONENT, ROWS)[..., :1]
         upper, lower = (phong_blur(part, EXPONENT, ROWS) for part in (above, under))
         from_above, from_below = (np.pi * phong_blur(part, 1.0, ROWS) for part in (above, under))
-        return Sky(upper, lower, share, from_above, from_below)
+        return Sky(upper, lower, from_above, from_below)
 
-    def through(
-        self, axis: Float[Array, "points 3"], above: Float[Array, "points"]
+    def over(
+        self, axis: Float[Array, "points 3"]
     ) -> tuple[Float[Array, "points 3"], Float[Array, "points 3"]]:
-        """Radiance from above and from below the horizon through the upper ``above`` of the cones
-        about these axes, the rest of which is black."""
-        below = jnp.clip(latlong.bilinear(self.below, axis)[:, 0], 1e-4, 1.0 - 1e-4)
-        low = jnp.maximum(above - (1.0 - below), 0.0) / below
-        high = jnp.minimum(above / (1.0 - below), 1.0)
-        upper, lower = latlong.bilinear(self.upper, axis), latlong.bilinear(self.lower, axis)
-        return high[:, None] * upper, low[:, None] * lower
+        """Radiance from above and from below the horizon in the cones about these axes."""
+        return latlong.bilinear(self.upper, axis), latlong.bilinear(self.lower, axis)
 
 
 @jax.tree_util.register_dataclass
@@ -117,22 +114,32 @@ def _suns(
     whole = energy.sum()
     if not count or not whole > 0.0:
         return np.zeros((0, 6)), kept
-    cells = partition(energy, SUN_CELLS)
-    found = []
-    for top, bottom, left, right in cells.tolist():
-        here = energy[top:bottom, left:right]
+    small = []
+    for cell in partition(energy, SUN_CELLS).tolist():
+        top, bottom, left, right = cell
         size = float(solid[top:bottom].sum()) * (right - left)
-        if size <= SUN_SIZE and here.sum() >= SUN_SHARE * whole:
-            found.append((float(here.sum()), (top, bottom, left, right)))
-    found.sort(reverse=True)
-    rows = []
-    for _, (top, bottom, left, right) in found[:count]:
-        along, flux = _summed(radiance, solid, top, bottom, left, right)
-        rows.append(np.concatenate([along, flux]))
-        # What is behind a sun is as bright as what is around it, about.
-        kept[top:bottom, left:right] = np.median(
-            radiance[max(top - 2, 0) : bottom + 2, max(left - 2, 0) : right + 2], axis=(0, 1)
-        )
+        if size <= SUN_SIZE:
+            small.append((float(energy[top:bottom, left:right].sum()), cell))
+    suns: list[tuple[np.ndarray, np.ndarray, list[list[int]]]] = []
+    for share, cell in sorted(small, reverse=True):
+        if share < PART_SHARE * whole:
+            break
+        along, flux = _summed(radiance, solid, *cell)
+        for k, (other, sent, cells) in enumerate(suns):
+            # A disc that a cell's edge divides is one sun.
+            if float(other @ along) > np.cos(SUN_APART):
+                mean = other * sent.mean() + along * flux.mean()
+                suns[k] = mean / np.linalg.norm(mean), sent + flux, [*cells, cell]
+                break
+        else:
+            if share >= SUN_SHARE * whole and len(suns) < count:
+                suns.append((along, flux, [cell]))
+    for _, _, cells in suns:
+        for top, bottom, left, right in cells:
+            # What is behind a sun is as bright as what is around it, about.
+            around = radiance[max(top - 2, 0) : bottom + 2, max(left - 2, 0) : right + 2]
+            kept[top:bottom, left:right] = np.median(around, axis=(0, 1))
+    rows = [np.concatenate([along, flux]) for along, flux, _ in suns]
     return np.array(rows).reshape(-1, 6), kept
 
 

@@ -22,7 +22,7 @@ from jaxvis.methods.cones.cells import (
 )
 from jaxvis.methods.cones.cones import cone_set, upright_frame
 from jaxvis.methods.cones.heights import Plan
-from jaxvis.methods.cones.horizon import SLICES, Slices, above, rise_to, slices_of
+from jaxvis.methods.cones.horizon import SLICES, Slices, above, clear_of, rise_to, slices_of
 from jaxvis.methods.cones.light import Sky
 from jaxvis.methods.cones.ranges import PowerSums
 from jaxvis.methods.cones.volume import Channels, Grid, sample_volume
@@ -125,16 +125,18 @@ def cone_radiosity(
 
     def free(total: Totals, cone: tuple[Array, Array]) -> tuple[Totals, None]:
         axis = axis_of(cone[0])
-        upper, lower = sky.through(axis, jnp.ones_like(axis[:, 0]))
+        upper, lower = sky.over(axis)
         return Totals(total.upper + cone[1] * upper, total.lower + cone[1] * lower, 0.0), None
 
     def one(total: Totals, cone: tuple[Array, Array]) -> tuple[Totals, None]:
         axis, weight = axis_of(cone[0]), cone[1]
-        gathered, clear, over = _one_cone(
+        gathered, clear, shares = _one_cone(
             maps, begin, components(axis), upright, points.first, 0.5 * aperture, march
         )
-        seen = sky.through(axis, over)
-        upper, lower = (weight * clear[:, None] * part for part in seen)
+        upper, lower = (
+            weight * (clear * share)[:, None] * part
+            for share, part in zip(shares, sky.over(axis), strict=True)
+        )
         surfaces = weight * jnp.stack(gathered, axis=-1)
         return Totals(total.upper + upper, total.lower + lower, total.surfaces + surfaces), None
 
@@ -178,9 +180,9 @@ def _one_cone(
     first: Lanes,
     half: Array | float,
     march: March,
-) -> tuple[Vector, Lanes, Lanes]:
-    """(radiance gathered, share of the cone that the voxels let through, share of it that is above
-    the height field)."""
+) -> tuple[Vector, Lanes, tuple[Lanes, Lanes]]:
+    """(radiance gathered, share of the cone that the voxels let through, shares of its parts above
+    and below elevation 0 that the height field does)."""
     zero = jnp.zeros_like(first)
     follow = maps.plan is not None and march.search == "horizon"
     slices = slices_of(toward, normal, half) if follow else None
@@ -200,8 +202,8 @@ def _one_cone(
         state, _ = jax.lax.scan(jax.checkpoint(near), state, None, length=march.near)  # pyright: ignore
     state, _ = jax.lax.scan(jax.checkpoint(step), state, None, length=march.steps)  # pyright: ignore
     if slices is None:
-        return state.colour, state.clear, zero + 1.0
-    return state.colour, state.clear, above(slices, state.covered)
+        return state.colour, state.clear, (zero + 1.0, zero + 1.0)
+    return state.colour, state.clear, clear_of(slices, state.covered)
 
 
 def _advance(
@@ -260,7 +262,12 @@ def _in_cube(
         low = jnp.maximum(m - 0.5 * cube.side, grid.low[axis])
         high = jnp.minimum(m + 0.5 * cube.side, grid.low[axis] + extent)
         centres.append(0.5 * (low + high))
-        volume_share = volume_share * jnp.clip((high - low) / cube.side, 0.0, 1.0)
+        # Across the cone, what lies beside the grid is empty; along it, its walls are as opaque.
+        share = jnp.clip((high - low) / cube.side, 0.0, 1.0)
+        across = 1.0 - toward[axis] * toward[axis]
+        volume_share = volume_share * jnp.where(
+            share > 0.0, jnp.maximum(share, 1e-6) ** across, 0.0
+        )
         diagonal = diagonal + jnp.maximum(high - low, 0.0) ** 2
     size = jnp.maximum(cube.side, grid.voxel)
     inside = (volume_share > 0.0) & (diagonal > (2.0 * TINY * size) ** 2)
