@@ -19,6 +19,10 @@ FORMAT = 3
 """Version of what is cached. Raise it when the meaning of a cached array changes."""
 
 
+class OutdatedError(ValueError):
+    """A whole file of jaxvis, written by another version."""
+
+
 def cache_folder() -> Path:
     """``JAXVIS_CACHE`` if set, otherwise ``jaxvis`` in the user's cache folder."""
     if given := os.environ.get("JAXVIS_CACHE"):
@@ -61,7 +65,8 @@ def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarra
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the file is damaged, of another version, or holds something else.
+        ValueError: the file is damaged or holds something else.
+        OutdatedError: a ValueError; the file is of another version.
     """
     path = Path(path)
     if not path.exists():
@@ -74,7 +79,8 @@ def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarra
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: damaged or not a jaxvis file; delete it and rebuild") from error
     if found != (FORMAT, kind):
-        raise ValueError(
+        error = ValueError if found[0] == FORMAT else OutdatedError
+        raise error(
             f"{path}: holds {found[1]!r} of format {found[0]}, not {kind!r} of format {FORMAT}; "
             "delete it and rebuild"
         )
@@ -110,13 +116,15 @@ def cached_arrays(
 ) -> tuple[dict[str, np.ndarray], bool]:
     """The arrays cached under ``key``, or those of ``build``, stored for the next time.
 
-    A damaged or outdated entry is rebuilt with a warning; a folder that cannot be written costs
-    only the caching. Returns (arrays, whether they came from the cache).
+    A damaged entry is rebuilt with a warning, one of an earlier version silently; a folder that
+    cannot be written costs only the caching. Returns (arrays, whether they came from the cache).
     """
     path = cache_folder() / kind / f"{key}.npz"
     if path.exists():
         try:
             return load_arrays(path, kind)[0], True
+        except OutdatedError:
+            pass
         except ValueError as error:
             warnings.warn(f"{error} (rebuilt now)", JaxvisWarning, stacklevel=2)
     arrays = {name: np.asarray(value) for name, value in build().items()}

@@ -11,6 +11,14 @@ from jaxtyping import install_import_hook
 install_import_hook("jaxvis", "beartype.beartype")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_user_cache(tmp_path_factory):
+    """What the user has cached neither helps nor hinders a test."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAXVIS_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="module")
 def own_caches(tmp_path_factory):
     """References and compiled programs of a module's tests stay out of the user's cache."""

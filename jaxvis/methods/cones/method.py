@@ -50,11 +50,11 @@ class HybridCones(Method):
     """Diffuse light by cones through voxels and a height field (paper 003).
 
     Connected meshes whose surface is a height field, to ``threshold`` of their diagonal (eq. 5),
-    are stored in a 2D lightmap of ``texels``^2; all others in a 3D lightmap of ``voxels``^3, whose
-    voxels look different from six sides. Each pixel sends ``cones`` cones of an ``aperture`` in
-    radians: they meet the lightmaps at levels of their own width, and what is left of them the sky,
-    averaged over a cone. With ``bounces=1`` the lightmaps send on, diffusely, the light of the
-    environment that falls on them, by ``directions`` shadow rays each.
+    are stored in a 2D lightmap of ``texels``^2 (0: none are); all others in a 3D lightmap of
+    ``voxels``^3, whose voxels look different from six sides. Each pixel sends ``cones`` cones of an
+    ``aperture`` in radians: they meet the lightmaps at levels of their own width, and what is left
+    of them the sky, averaged over a cone. With ``bounces=1`` the lightmaps send on, diffusely, the
+    light of the environment that falls on them, by ``directions`` shadow rays each.
 
     Up to ``suns`` small bright sources are taken out of the environment and shine with traced
     shadows, from every pixel. Only the base colour reflects: specular light is left out, as in the
@@ -85,10 +85,11 @@ class HybridCones(Method):
     ranges: Ranges = "pyramid"
 
     def __post_init__(self) -> None:
-        for name, least in (("voxels", 4), ("texels", 4)):
+        for name, none in (("voxels", False), ("texels", True)):
             value = getattr(self, name)
-            if value < least or value & (value - 1):
-                raise ValueError(f"{name} must be a power of two of at least {least}, got {value}")
+            if (value < 4 or value & (value - 1)) and not (none and value == 0):
+                also = ", or 0 for voxels alone" if none else ""
+                raise ValueError(f"{name} must be a power of two of at least 4{also}, got {value}")
         if self.voxels > 512 or self.texels > 8192:
             raise ValueError(
                 f"voxels may be 512 and texels 8192 at most, got {self.voxels} and {self.texels}"
@@ -119,16 +120,12 @@ class HybridCones(Method):
             raise ValueError(f"suns must be at least 0, got {self.suns}")
         if self.directions < 8:
             raise ValueError(f"directions must be at least 8, got {self.directions}")
-        if not self.threshold >= 0.0:
-            raise ValueError(f"threshold must be at least 0, got {self.threshold}")
-
-    @property
-    def _plan(self) -> int:
-        return self.texels
+        if not self.threshold > 0.0:
+            raise ValueError(f"threshold must be positive, got {self.threshold}")
 
     def precompute(self, scene: Scene, progress: bool = True) -> ConeVisibility:
         """Voxels and heights, with what light falls on if it bounces."""
-        found = build(scene, self.voxels, self._plan, self.threshold, self.bounces > 0)
+        found = build(scene, self.voxels, self.texels, self.threshold, self.bounces > 0)
         return replace(found, maps=self._with_ranges(found.maps))
 
     def light(self, environment: Environment) -> ConeLight:
@@ -262,12 +259,8 @@ class VoxelCones(HybridCones):
     """
 
     voxels: int = 256
-    texels: int = 4
+    texels: int = 0
     stepping: Stepping = "half"
-
-    @property
-    def _plan(self) -> int:
-        return 0
 
 
 def _in_threads(

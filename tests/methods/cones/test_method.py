@@ -177,14 +177,14 @@ def test_a_view_of_nothing_is_black():
 BAD = {
     "voxels must be a power of two of at least 4, got 48": {"voxels": 48},
     "voxels must be a power of two of at least 4, got 2": {"voxels": 2},
-    "texels must be a power of two of at least 4, got 0": {"texels": 0},
+    "texels must be a power of two of at least 4, or 0 for voxels alone, got 3": {"texels": 3},
     "voxels may be 512 and texels 8192 at most": {"voxels": 1024},
     "cones must be at least 4": {"cones": 3},
     "aperture must be from 0.05 to 2 radians": {"aperture": math.nan},
     "bounces must be 0 or 1, got 2": {"bounces": 2},
     "suns must be at least 0": {"suns": -1},
     "directions must be at least 8, got 4": {"directions": 4},
-    "threshold must be at least 0": {"threshold": -1.0},
+    "threshold must be positive, got 0.0": {"threshold": 0.0},
 }
 
 
