@@ -42,14 +42,27 @@ def cone_set(count: int) -> Cones:
 
 
 def upright_frame(
-    normal: Float[Array, "*points 3"],
+    normal: Float[Array, "*points 3"], azimuth: Float[Array, ""] | float = 0.0
 ) -> tuple[Float[Array, "*points 3"], Float[Array, "*points 3"]]:
     """Tangent and bitangent: those of +y, turned with it to the normal the shortest way.
 
     Continuous but for normals straight down, so that the ring of cones does not jump along a
-    surface.
+    surface. The tangent of +y has the given azimuth (radians, from +x towards +z).
     """
     x, y, z = normal[..., 0], normal[..., 1], normal[..., 2]
-    a = 1.0 / jnp.maximum(1.0 + y, 1e-4)
-    tangent = jnp.stack([1.0 - x * x * a, -x, -x * z * a], axis=-1)
+    c, s = jnp.cos(azimuth), jnp.sin(azimuth)
+    lean = (c * x + s * z) / jnp.maximum(1.0 + y, 1e-4)
+    tangent = jnp.stack([c - lean * x, -lean * (1.0 + y), s - lean * z], axis=-1)
     return normalize(tangent), normalize(jnp.cross(normal, tangent))
+
+
+def own_azimuth(positions: Float[np.ndarray, "vertices 3"]) -> np.float32:
+    """An azimuth that turns with the scene about +y (radians): of a vertex well off its middle.
+
+    A ring of five cones is not the same after a quarter turn. If it starts here, an image does not
+    depend on how the scene happens to stand to the axes.
+    """
+    offset = positions - 0.5 * (positions.min(axis=0) + positions.max(axis=0))
+    distance = np.hypot(offset[:, 0], offset[:, 2])
+    x, _, z = offset[np.argmax(distance > 0.6 * distance.max())]
+    return np.float32(np.arctan2(z, x))

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxvis.methods.cones.cells import (
@@ -58,6 +59,8 @@ class Lightmaps:
     """Red, green and blue of the height field, all levels, or none."""
     ranges: Array | PowerSums | None = None
     """Of the heights, where they are searched by cells."""
+    azimuth: Array | np.float32 = np.float32(0.0)  # noqa: RUF009
+    """At which rings of cones begin (radians)."""
 
     @property
     def nbytes(self) -> int:
@@ -115,7 +118,7 @@ def cone_radiosity(
     """
     cones = cone_set(march.cones)
     start = points.position + points.normal * points.away[:, None]
-    tangent, bitangent = upright_frame(points.normal)
+    tangent, bitangent = upright_frame(points.normal, maps.azimuth)
     begin, upright = components(start), components(points.normal)
 
     axes = jnp.asarray(cones.axes, jnp.float32), jnp.asarray(cones.weights, jnp.float32)

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxvis.cache import load_arrays, save_arrays
 from jaxvis.methods.cones.classify import height_field_meshes
+from jaxvis.methods.cones.cones import own_azimuth
 from jaxvis.methods.cones.heights import Plan, look_down, stored_heights
 from jaxvis.methods.cones.heights import mip_chain as plan_chain
 from jaxvis.methods.cones.inject import volume_of
@@ -79,6 +80,7 @@ class ConeVisibility:
             "flat": self.flat,
             "positions": self.positions,
             "triangles": self.triangles,
+            "azimuth": self.maps.azimuth,
         }
         maps = self.maps
         header: dict[str, Any] = {"resolutions": [0, 0]}
@@ -119,7 +121,7 @@ class ConeVisibility:
 
         positions, triangles = arrays["positions"], arrays["triangles"]
         return cls(
-            Lightmaps(grid, volume, plan, heights, ()),
+            Lightmaps(grid, volume, plan, heights, (), azimuth=np.float32(arrays["azimuth"])),
             part(Receivers3D, "volume"),
             part(Receivers2D, "plan"),
             arrays["flat"],
@@ -156,7 +158,7 @@ def build(
             lift = 0.05 * float(plan.texel) * seen.normal
             level = Receivers2D(seen.position + lift, seen.normal, seen.albedo)
     return ConeVisibility(
-        Lightmaps(grid, volume, plan, heights, ()),
+        Lightmaps(grid, volume, plan, heights, (), azimuth=own_azimuth(scene.positions)),
         solid if receivers else None,
         level,
         flat,

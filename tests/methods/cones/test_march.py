@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxvis.methods.cones.cones import cone_set, upright_frame
+from jaxvis.methods.cones.cones import cone_set, own_azimuth, upright_frame
 from jaxvis.methods.cones.heights import Plan, stored_heights
 from jaxvis.methods.cones.heights import mip_chain as plan_chain
 from jaxvis.methods.cones.inject import colours_of, volume_of
@@ -67,6 +67,26 @@ def test_frames_are_right_handed_and_do_not_jump():
     nearby = unit(normals + 1e-3)
     moved = np.asarray(upright_frame(jnp.asarray(nearby, jnp.float32))[0])
     assert np.abs(moved - tangent).max() < 0.1
+
+
+def test_frames_turn_with_the_azimuth():
+    normals = unit(np.random.default_rng(3).normal(size=(100, 3)))
+    normals = np.concatenate([normals[normals[:, 1] > -0.95], [[0.0, 1.0, 0.0]]])
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    before = upright_frame(jnp.asarray(normals, jnp.float32), 0.3)
+    # +x goes to -z: azimuths from +x towards +z become a quarter less.
+    after = upright_frame(jnp.asarray(normals @ turn.T, jnp.float32), 0.3 - 0.5 * np.pi)
+    for old, new in zip(before, after, strict=True):
+        np.testing.assert_allclose(np.asarray(old) @ turn.T, new, atol=1e-5)
+    fixed = upright_frame(jnp.asarray(normals @ turn.T, jnp.float32), 0.3)
+    assert np.abs(np.asarray(before[0]) @ turn.T - np.asarray(fixed[0])).max() > 0.5
+
+
+def test_the_azimuth_of_a_scene_turns_with_it():
+    positions = np.random.default_rng(4).normal(size=(50, 3)).astype(np.float32)
+    quarter = np.stack([positions[:, 2], positions[:, 1], -positions[:, 0]], axis=-1)
+    change = own_azimuth(quarter) - own_azimuth(positions)
+    np.testing.assert_allclose(np.cos(change + 0.5 * np.pi), 1.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("cones", [4, 6])
