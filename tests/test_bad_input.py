@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from jaxvis import cli
+from jaxvis.cache import FORMAT
 from jaxvis.image import write_image
 from tests.bad_files import (
     BAD_LIGHTS,
@@ -203,7 +204,7 @@ def test_embedded_texture_is_fine(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("damage", ["truncated", "another version"])
+@pytest.mark.parametrize("damage", ["truncated", "another kind"])
 def test_a_bad_cache_entry_is_rebuilt_with_a_warning(damage, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("JAXVIS_CACHE", str(tmp_path / "cache"))
     mesh, light = good_mesh(tmp_path), good_light(tmp_path)
@@ -225,7 +226,7 @@ def test_a_bad_cache_entry_is_rebuilt_with_a_warning(damage, tmp_path, capsys, m
     else:
         with np.load(entry) as file:
             arrays = dict(file)
-        arrays["header"] = np.array(json.dumps({"format": -1, "kind": "reference"}))
+        arrays["header"] = np.array(json.dumps({"format": FORMAT, "kind": "another"}))
         np.savez(entry, **arrays)
     capsys.readouterr()
     assert cli.main(command) == 0

@@ -1,13 +1,13 @@
 """Marching along cones through 3D and 2D lightmaps (paper 003, section VI)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxvis.methods.cones.cells import (
     Accumulation,
@@ -78,7 +78,7 @@ class March:
     cones: int
     steps: int
     near: int = 0
-    """Steps before these through the height field alone, up to the size of a voxel."""
+    """Steps before these, up to the size of a voxel."""
     search: Search = "horizon"
     """What rises above horizons along three azimuths, or the paper's search of cells in cubes."""
     fit: Fit = "clean"
@@ -96,6 +96,8 @@ class Points(NamedTuple):
     """How far from the surface, along its normal."""
     first: Float[Array, "points"]
     """Distance along the cone at which it begins."""
+    apart: Float[Array, "points"]
+    """Distance up to which voxels are left out: those of the point's own surface."""
 
 
 @partial(jax.jit, static_argnames="march")
@@ -134,7 +136,7 @@ def cone_radiosity(
     def one(total: Totals, cone: tuple[Array, Array]) -> tuple[Totals, None]:
         axis, weight = axis_of(cone[0]), cone[1]
         gathered, clear, shares = _one_cone(
-            maps, begin, components(axis), upright, points.first, 0.5 * aperture, march
+            maps, begin, components(axis), upright, points, 0.5 * aperture, march
         )
         upper, lower = (
             weight * (clear * share)[:, None] * part
@@ -180,26 +182,25 @@ def _one_cone(
     begin: Vector,
     toward: Vector,
     normal: Vector,
-    first: Lanes,
+    points: Points,
     half: Array | float,
     march: March,
 ) -> tuple[Vector, Lanes, tuple[Lanes, Lanes]]:
     """(radiance gathered, share of the cone that the voxels let through, shares of its parts above
     and below elevation 0 that the height field does)."""
-    zero = jnp.zeros_like(first)
+    zero = jnp.zeros_like(points.first)
     follow = maps.plan is not None and march.search == "horizon"
     slices = slices_of(toward, normal, half) if follow else None
-    state = State(first, zero + 1.0, (zero,) * len(SLICES), (zero, zero, zero))
+    state = State(points.first, zero + 1.0, (zero,) * len(SLICES), (zero, zero, zero))
 
     def step(state: State, _: None) -> tuple[State, None]:
-        return _advance(maps, begin, toward, half, march, slices, state), None
+        return _advance(maps, begin, toward, half, march, slices, points.apart, state), None
 
     if march.near and maps.grid is not None:
-        voxel, flat = maps.grid.voxel, replace(maps, grid=None)
+        voxel = maps.grid.voxel
 
         def near(state: State, _: None) -> tuple[State, None]:
-            after = _advance(flat, begin, toward, half, march, slices, state)
-            before = state.distance < voxel
+            before, (after, _) = state.distance < voxel, step(state, _)
             return jax.tree.map(lambda a, b: jnp.where(before, a, b), after, state), None
 
         state, _ = jax.lax.scan(jax.checkpoint(near), state, None, length=march.near)  # pyright: ignore
@@ -216,6 +217,7 @@ def _advance(
     half: Array | float,
     march: March,
     slices: Slices | None,
+    apart: Lanes,
     state: State,
 ) -> State:
     if march.stepping == "cubes":
@@ -230,7 +232,9 @@ def _advance(
     clear, covered, colour = state.clear, state.covered, state.colour
     seen_over = 1.0 if slices is None else above(slices, covered)
     if maps.grid is not None:
-        found, opacity = _in_cube(maps.grid, maps.volume, cube, toward, length)
+        found, opacity = _in_cube(
+            maps.grid, maps.volume, cube, toward, length, state.distance >= apart
+        )
         colour = tuple(c + clear * seen_over * f for c, f in zip(colour, found, strict=True))  # pyright: ignore
         clear = clear * (1.0 - opacity)
     if slices is not None:
@@ -256,7 +260,12 @@ def _advance(
 
 
 def _in_cube(
-    grid: Grid, volume: Channels, cube: Cube, toward: Vector, length: Lanes
+    grid: Grid,
+    volume: Channels,
+    cube: Cube,
+    toward: Vector,
+    length: Lanes,
+    wanted: Bool[Array, "lanes"],
 ) -> tuple[Vector, Lanes]:
     """Premultiplied radiance and opacity of what the voxels have in a cube (eqs. 12, 15)."""
     extent = grid.resolution * grid.voxel
@@ -273,7 +282,7 @@ def _in_cube(
         )
         diagonal = diagonal + jnp.maximum(high - low, 0.0) ** 2
     size = jnp.maximum(cube.side, grid.voxel)
-    inside = (volume_share > 0.0) & (diagonal > (2.0 * TINY * size) ** 2)
+    inside = wanted & (volume_share > 0.0) & (diagonal > (2.0 * TINY * size) ** 2)
 
     def look() -> tuple[Vector, Lanes]:
         level = jnp.log2(size / grid.voxel)

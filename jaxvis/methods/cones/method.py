@@ -60,6 +60,9 @@ class HybridCones(Method):
     shadows, from every pixel. Only the base colour reflects: specular light is left out, as in the
     paper.
 
+    Cones of surfaces in voxels start ``offset`` voxels off them, along the normal and along their
+    axes: less darkens curved surfaces by themselves, more leaves out what touches them.
+
     ``stepping="cubes"`` marches by cubes that touch one another (eq. 10), ``"half"`` by half of the
     cone's width.
 
@@ -79,6 +82,7 @@ class HybridCones(Method):
     suns: int = 2
     directions: int = 64
     threshold: float = 1e-3
+    offset: float = 0.25
     search: Search = "horizon"
     fit: Fit = "clean"
     accumulation: Accumulation = "clean"
@@ -120,6 +124,8 @@ class HybridCones(Method):
             raise ValueError(f"suns must be at least 0, got {self.suns}")
         if self.directions < 8:
             raise ValueError(f"directions must be at least 8, got {self.directions}")
+        if not 0.0 < self.offset <= 4.0:
+            raise ValueError(f"offset must be above 0 and at most 4 voxels, got {self.offset}")
         if not self.threshold > 0.0:
             raise ValueError(f"threshold must be positive, got {self.threshold}")
 
@@ -198,10 +204,13 @@ class HybridCones(Method):
         voxel = 0.0 if maps.grid is None else float(maps.grid.voxel)
         texel = 0.0 if maps.plan is None else float(maps.plan.texel)
         flat = np.asarray(visibility.flat)[triangle]
-        # A cone begins beyond the voxel, or the texel, that its own surface is in.
-        away = np.where(flat, 0.25 * texel, 1.0 * voxel).astype(np.float32)
-        first = np.where(flat, texel, voxel).astype(np.float32)
-        starts = Points(jnp.asarray(position), points.normal, jnp.asarray(away), jnp.asarray(first))
+        # A cone begins off its own surface: in voxels by ``offset``, in the height field, beside
+        # which all voxels are of others, by a texel.
+        off = self.offset * voxel
+        away, first = np.where(flat, 0.25 * texel, off), np.where(flat, texel, off)
+        apart = np.where(flat, 0.0, off)
+        lengths = (jnp.asarray(length, jnp.float32) for length in (away, first, apart))
+        starts = Points(jnp.asarray(position), points.normal, *lengths)
         march = self._march(maps)
 
         def trace(some: Points) -> Array:
@@ -226,15 +235,17 @@ class HybridCones(Method):
         # The smallest cubes of eq. 11 are those with a diagonal across the cone.
         step = 0.5 if self.stepping == "half" else math.sqrt(0.5 if self.fit == "clean" else 1 / 3)
         growth = 1.0 + wide * step
-        sides = []
+        starts, sizes, extents = [], [], []
         if maps.grid is not None:
-            sides.append((float(maps.grid.voxel), maps.grid.resolution))
+            starts.append(self.offset * float(maps.grid.voxel))
+            sizes.append(float(maps.grid.voxel))
+            extents.append(sizes[-1] * maps.grid.resolution)
         if maps.plan is not None:
-            sides.append((float(maps.plan.texel), maps.plan.resolution))
-        sizes = [size for size, _ in sides]
-        first = sizes[0]
-        largest = math.sqrt(3.0) * max(size * count for size, count in sides)
-        near = math.log(first / sizes[-1]) / math.log(growth)
+            starts.append(float(maps.plan.texel))
+            sizes.append(starts[-1])
+            extents.append(sizes[-1] * maps.plan.resolution)
+        first, largest = sizes[0], math.sqrt(3.0) * max(extents)
+        near = math.log(first / min(starts)) / math.log(growth)
         steps = math.log(largest / first) / math.log(growth)
         return March(
             self.stepping,

@@ -285,7 +285,8 @@ def gathered(heights, rise, positions, colours=True, **options):
     maps = Lightmaps(None, (), plan, stored, paint if colours else (), table)
     count = len(positions)
     up = jnp.tile(jnp.float32([[0.0, 1.0, 0.0]]), (count, 1))
-    points = Points(jnp.asarray(positions, jnp.float32), up, jnp.full(count, 0.25), jnp.ones(count))
+    away, first = jnp.full(count, 0.25), jnp.ones(count)
+    points = Points(jnp.asarray(positions, jnp.float32), up, away, first, jnp.zeros(count))
     march = March("cubes", 6, 9, search="cells", **options)
     return maps, points, march
 

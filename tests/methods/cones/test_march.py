@@ -36,6 +36,7 @@ def points_at(positions, normals, away, first):
         jnp.asarray(normals, jnp.float32),
         jnp.full(count, away, jnp.float32),
         jnp.full(count, first, jnp.float32),
+        jnp.zeros(count),
     )
 
 
