@@ -194,6 +194,7 @@ def _fact(value: Any) -> str:
 
 def _methods(options: argparse.Namespace) -> int:
     from jaxvis import methods
+    from jaxvis.methods.denoised import SUFFIX
 
     for entry in methods.table():
         mark = " *" if entry.representative else ""
@@ -202,6 +203,11 @@ def _methods(options: argparse.Namespace) -> int:
         if entry.defaults():
             print("    " + ", ".join(f"{k}={v}" for k, v in entry.defaults().items()))
     print("\n* run by `jaxvis compare` unless --methods names others")
+    print(
+        f"{SUFFIX} after the name of a method that takes samples (mc-mis+denoise:spp=4) "
+        "removes the noise with\n  Open Image Denoise, by albedo and normal: pip install "
+        '"jaxvis[denoise]"'
+    )
     return 0
 
 

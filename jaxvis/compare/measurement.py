@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float32
 
 from jaxvis.compare.setting import Setting
 from jaxvis.image import flip, psnr, relative_rmse, relmse, rmse
-from jaxvis.methods import Method
+from jaxvis.methods import Denoised, Method
 
 FRAMES = 5
 """Warm frames that are timed, unless they take longer than :data:`SECONDS` together."""
@@ -115,7 +115,7 @@ def _curve(
     spp = 1
     while spp < method.spp:
         tell(f"{spp} spp")
-        fewer = dataclasses.replace(method, spp=spp)
+        fewer = _with_samples(method, spp)
 
         def shade(fewer: Method = fewer) -> jax.Array:
             return fewer.shade(visibility, light, setting.surface, key=key)
@@ -126,6 +126,13 @@ def _curve(
         spp *= 4
     last = {"spp": method.spp, "frame_s": row["frame_s"], "psnr_db": row["psnr_db"]}
     return [*points, last]
+
+
+def _with_samples(method: Any, spp: int) -> Method:
+    """The same method with other samples per pixel."""
+    if isinstance(method, Denoised):
+        return dataclasses.replace(method, method=_with_samples(method.method, spp))
+    return dataclasses.replace(method, spp=spp)
 
 
 def _timed(function: Callable[[], Any]) -> tuple[Any, float]:

@@ -43,7 +43,8 @@ from jaxvis.image import exposure_of
 from jaxvis.image.metrics import FLIP_PIXELS_PER_DEGREE, RELMSE_EPSILON
 from jaxvis.image.tonemap import WHITE_PERCENTILE
 from jaxvis.lighting import Environment, SphereLights
-from jaxvis.methods import Method, Reference
+from jaxvis.methods import Denoised, Method, Reference
+from jaxvis.methods.denoised import SUFFIX
 from jaxvis.reflectance import Reflectance
 from jaxvis.scene import Camera, Scene
 
@@ -195,6 +196,8 @@ def choose_methods(
 
 def registered_name(method: Method) -> str:
     """The name under which a method like this is registered, or its class's name."""
+    if isinstance(method, Denoised):
+        return registered_name(method.method) + SUFFIX
     for entry in registry.table():
         if type(method) is entry.cls and all(
             getattr(method, key) == value for key, value in entry.presets.items()
@@ -205,6 +208,9 @@ def registered_name(method: Method) -> str:
 
 def _spec_of(method: Method) -> str:
     """``name:parameter=value,...`` of what differs from the defaults."""
+    if isinstance(method, Denoised):
+        name, colon, parameters = _spec_of(method.method).partition(":")
+        return f"{name}{SUFFIX}{colon}{parameters}"
     name = registered_name(method)
     defaults = {entry.name: entry.defaults() for entry in registry.table()}.get(name, {})
     changed = [f"{k}={getattr(method, k)}" for k, v in defaults.items() if getattr(method, k) != v]

@@ -2,8 +2,14 @@
 
 from jaxvis.methods.base import Method
 from jaxvis.methods.cones import HybridCones, VoxelCones
+from jaxvis.methods.denoised import Denoised
 from jaxvis.methods.distance_field import AdaptiveVisibility, DistanceField, ShadowMaps
-from jaxvis.methods.monte_carlo import MonteCarlo
+from jaxvis.methods.monte_carlo import (
+    AdaptiveEnvironment,
+    ImportanceDriven,
+    LocalImportanceDriven,
+    MonteCarlo,
+)
 from jaxvis.methods.reference import Reference
 from jaxvis.methods.registry import (
     Entry,
@@ -37,6 +43,24 @@ for _strategy, _summary in {
         representative=_strategy == "mis",
         strategy=_strategy,
     )
+register(
+    "mc-ides",
+    ImportanceDriven,
+    family="monte-carlo",
+    summary="Monte Carlo, MIS of the BRDF with luminance times where the surface's rays leave",
+)
+register(
+    "mc-ides-acdf",
+    LocalImportanceDriven,
+    family="monte-carlo",
+    summary="mc-ides with distributions for each normal, by adaptive cumulative distributions",
+)
+register(
+    "mc-adaptive",
+    AdaptiveEnvironment,
+    family="monte-carlo",
+    summary="Monte Carlo, some rays tell the others which parts of the sky are visible from where",
+)
 register(
     "vectorized",
     VectorizedVisibility,
@@ -97,10 +121,14 @@ register(
 )
 
 __all__ = [
+    "AdaptiveEnvironment",
     "AdaptiveVisibility",
+    "Denoised",
     "DistanceField",
     "Entry",
     "HybridCones",
+    "ImportanceDriven",
+    "LocalImportanceDriven",
     "Method",
     "MonteCarlo",
     "Reference",

@@ -9,7 +9,7 @@ depend on its pixel, its sample numbers and the key alone.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,13 @@ from jaxvis.sphere import latlong
 from jaxvis.sphere.frames import dot, to_world
 
 
+class Drawn(NamedTuple):
+    """Directions with the environment texels (row * width + column) that they point to."""
+
+    directions: Components
+    texel: Int[Array, "points samples"]
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class MonteCarloLight:
@@ -53,6 +60,14 @@ class MonteCarloLight:
         luminance = np.asarray(environment.radiance, np.float64) @ [0.2126, 0.7152, 0.0722]
         return cls(environment, EnvironmentSampler.build(sharpen(luminance)))
 
+    def draw(self, words: UInt32[Array, "2"], points: ShadingPoints, samples: int) -> Drawn:
+        """``samples`` directions for each point, in proportion to the environment's luminance."""
+        return draw_environment(self, random_numbers(words, points, first=0, samples=samples))
+
+    def density(self, points: ShadingPoints, drawn: Drawn) -> Float[Array, "points samples"]:
+        """Density per steradian with which :meth:`draw` gives these directions to these points."""
+        return self.sampler.texel_pdf(drawn.texel)
+
 
 class Counts(NamedTuple):
     """How many directions a point draws from each technique."""
@@ -62,18 +77,27 @@ class Counts(NamedTuple):
     brdf: float = 0
 
 
-class Drawn(NamedTuple):
-    """Directions with the environment texels (row * width + column) that they point to."""
-
-    directions: Components
-    texel: Int[Array, "points samples"]
-
-
 Draw = Callable[[ShadingPoints], Drawn]
 
 
+@runtime_checkable
+class DrawnLight(Protocol):
+    """A pytree from which the directions of the technique "environment" are drawn.
+
+    They may be drawn from the environment's luminance (:class:`MonteCarloLight`) or from something
+    closer to what a point receives, if it is positive wherever light may come from.
+    """
+
+    @property
+    def environment(self) -> Environment: ...
+
+    def draw(self, words: UInt32[Array, "2"], points: ShadingPoints, samples: int) -> Drawn: ...
+
+    def density(self, points: ShadingPoints, drawn: Drawn) -> Float[Array, "points samples"]: ...
+
+
 def draws(
-    counts: Counts, light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
+    counts: Counts, light: DrawnLight, words: UInt32[Array, "2"], reflectance: Reflectance
 ) -> list[Draw]:
     """One way to draw directions for each technique that is drawn from."""
 
@@ -82,8 +106,7 @@ def draws(
         return located(draw_uniform(points, numbers), light)
 
     def from_environment(points: ShadingPoints) -> Drawn:
-        numbers = random_numbers(words, points, first=0, samples=int(counts.environment))
-        return draw_environment(light, numbers)
+        return light.draw(words, points, int(counts.environment))
 
     def from_brdf(points: ShadingPoints) -> Drawn:
         first = int(counts.environment)  # numbers that the environment's directions leave
@@ -95,7 +118,7 @@ def draws(
 
 
 def proposals(
-    counts: Counts, light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
+    counts: Counts, light: DrawnLight, words: UInt32[Array, "2"], reflectance: Reflectance
 ) -> list[Propose]:
     """One proposal for each technique that is drawn from."""
 
@@ -110,7 +133,7 @@ def proposals(
 
 
 def tossed_proposal(
-    light: MonteCarloLight, words: UInt32[Array, "2"], reflectance: Reflectance
+    light: DrawnLight, words: UInt32[Array, "2"], reflectance: Reflectance
 ) -> Propose:
     """A single direction, from the environment or the BRDF by the toss of a coin.
 
@@ -120,7 +143,7 @@ def tossed_proposal(
     def toss(points: ShadingPoints) -> Proposal:
         numbers = random_numbers(words, points, first=0, samples=1)
         coin = random_numbers(words, points, first=1, samples=1)[0]
-        lit = draw_environment(light, numbers)
+        lit = light.draw(words, points, 1)
         reflected = located(draw_brdf(points, numbers, reflectance=reflectance), light)
         drawn = jax.tree.map(lambda a, b: jnp.where(coin < 0.5, a, b), lit, reflected)
         half = Counts(environment=0.5, brdf=0.5)
@@ -220,15 +243,15 @@ def draw_brdf(
 
 
 @jax.jit
-def located(directions: Components, light: MonteCarloLight) -> Drawn:
+def located(directions: Components, light: DrawnLight) -> Drawn:
     """Directions with their texels."""
-    height, width = light.sampler.density.shape
+    height, width = light.environment.radiance.shape[:2]
     row, column = latlong.texel(jnp.stack(directions, axis=-1), height, width)
     return Drawn(directions, row * width + column)
 
 
 def weighed(
-    light: MonteCarloLight,
+    light: DrawnLight,
     points: ShadingPoints,
     drawn: Drawn,
     *,
@@ -242,7 +265,7 @@ def weighed(
 
 @partial(jax.jit, static_argnames="counts")
 def divided(
-    light: MonteCarloLight,
+    light: DrawnLight,
     points: ShadingPoints,
     drawn: Drawn,
     value: Float[Array, "points samples 3"],
@@ -254,7 +277,7 @@ def divided(
     directions = jnp.stack(drawn.directions, axis=-1)
     total = counts.brdf * density
     if counts.environment:
-        total = total + counts.environment * light.sampler.texel_pdf(drawn.texel)
+        total = total + counts.environment * light.density(points, drawn)
     if counts.uniform:
         cosine = dot(points.normal[:, None, :], directions)
         total = total + counts.uniform * pdf_uniform(cosine)

@@ -1,4 +1,7 @@
-"""The methods by name, with parameters in the name: ``mc-mis:spp=16,compensation=true``."""
+"""The methods by name, with parameters in the name: ``mc-mis:spp=16,compensation=true``.
+
+A name may have the suffix ``+denoise``, as in ``mc-mis+denoise:spp=4``.
+"""
 
 import dataclasses
 import types
@@ -8,6 +11,7 @@ from typing import Any
 
 from jaxvis import specs
 from jaxvis.methods.base import Method
+from jaxvis.methods.denoised import SUFFIX, Denoised
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +71,8 @@ def table() -> tuple[Entry, ...]:
 
 
 def create(spec: str | Method, **overrides: Any) -> Method:
-    """The method that ``name`` or ``name:parameter=value,...`` says.
+    """The method that ``name`` or ``name:parameter=value,...`` says; ``name+denoise`` is that of
+    ``name``, denoised.
 
     ``overrides`` set those parameters that the method has and ``spec`` leaves open.
 
@@ -76,6 +81,8 @@ def create(spec: str | Method, **overrides: Any) -> Method:
     """
     if isinstance(spec, Method):
         return spec
+    if specs.name_of(spec).endswith(SUFFIX):
+        return Denoised(create(spec.replace(SUFFIX, "", 1), **overrides))
     name = specs.name_of(spec)
     if name not in _ENTRIES:
         raise ValueError(specs.unknown(spec, _ENTRIES, "method"))

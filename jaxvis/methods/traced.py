@@ -96,12 +96,14 @@ class Proposal(NamedTuple):
     """Rays from each point. ``weights`` is what a ray adds to the radiance if it is unoccluded.
 
     Rays end where their light is, after ``limits``, or leave the scene if there are none.
+    ``known`` tells which are unoccluded where that is known: none of them is traced.
     """
 
     directions: Components
     weights: Components
     active: Bool[Array, "points samples"]
     limits: Float[Array, "points samples"] | None = None
+    known: Bool[Array, "points samples"] | None = None
 
 
 Propose = Callable[[ShadingPoints], Proposal]
@@ -221,6 +223,8 @@ def _trace(
     tracer: RayTracer, points: ShadingPoints, rays: Proposal, inside: int
 ) -> Bool[np.ndarray, "points samples"]:
     """Which rays are not blocked; the points after ``inside`` are padding."""
+    if rays.known is not None:
+        return np.asarray(rays.known)
     active = np.array(rays.active)
     active[inside:] = False
     directions = [np.asarray(axis) for axis in rays.directions]

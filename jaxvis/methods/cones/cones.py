@@ -42,7 +42,7 @@ def cone_set(count: int) -> Cones:
 
 
 def upright_frame(
-    normal: Float[Array, "*points 3"], azimuth: Float[Array, ""] | float = 0.0
+    normal: Float[Array, "*points 3"], azimuth: Float[Array, ""] | np.float32 | float = 0.0
 ) -> tuple[Float[Array, "*points 3"], Float[Array, "*points 3"]]:
     """Tangent and bitangent: those of +y, turned with it to the normal the shortest way.
 

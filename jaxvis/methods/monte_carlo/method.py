@@ -4,27 +4,20 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from tqdm.auto import tqdm
 
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method, require_key
-from jaxvis.methods.estimators import (
-    Counts,
-    MonteCarloLight,
-    proposals,
-    sphere_proposal,
-    tossed_proposal,
+from jaxvis.methods.estimators import Counts, MonteCarloLight, proposals
+from jaxvis.methods.monte_carlo.estimate import (
+    balanced_proposals,
+    check_sampling,
+    directions_integrated,
+    estimate,
+    halves,
 )
-from jaxvis.methods.traced import (
-    RAYS_PER_CHUNK,
-    RayVisibility,
-    shading_points,
-    to_image,
-    trace_and_sum,
-)
+from jaxvis.methods.traced import RAYS_PER_CHUNK, RayVisibility, shading_points
 from jaxvis.sampling.random import key_words
 from jaxvis.scene import Scene, Surface
 from jaxvis.sphere.latlong import row_solid_angles
@@ -59,10 +52,7 @@ class MonteCarlo(Method):
             raise ValueError(
                 f"strategy must be one of {', '.join(strategies)}, got {self.strategy!r}"
             )
-        if self.spp < 1:
-            raise ValueError(f"spp must be at least 1, got {self.spp}")
-        if self.rays_per_chunk < 1:
-            raise ValueError(f"rays_per_chunk must be at least 1, got {self.rays_per_chunk}")
+        check_sampling(self)
         if self.compensation and self.strategy != "mis":
             raise ValueError(f"compensation needs strategy 'mis', got {self.strategy!r}")
 
@@ -88,38 +78,27 @@ class MonteCarlo(Method):
         """One estimate of each pixel's radiance; independent between pixels and between keys."""
         points = shading_points(surface)
         words, reflectance = key_words(require_key(key, self)), surface.reflectance
-        if self.strategy == "mis" and self.spp == 1:
-            proposed = [tossed_proposal(light, words, reflectance)]
+        if self.strategy == "mis":
+            proposed = balanced_proposals(self.counts, light, words, reflectance)
         else:
             proposed = proposals(self.counts, light, words, reflectance)
-        samples = max(1, int(max(self.counts)))
-        spheres = light.environment.seen_from(surface.origin).spheres
-        if spheres is not None:
-            proposed.append(sphere_proposal(spheres, words, self.spp, reflectance))
-            samples = self.spp
-        with tqdm(total=len(points.pixel), desc="shading", unit="px", disable=not progress) as bar:
-            radiance = trace_and_sum(
-                visibility.tracer,
-                points,
-                proposed,
-                samples,
-                rays_per_chunk=self.rays_per_chunk,
-                advance=bar.update,
-            )
-        return to_image(surface, points, radiance)
+        return estimate(
+            *(visibility, light, surface, points, proposed, words, self),
+            most=int(max(self.counts)),
+            progress=progress,
+        )
 
     @property
     def counts(self) -> Counts:
         """Rays a pixel from each technique."""
         if self.strategy == "mis":
-            return Counts(environment=(self.spp + 1) // 2, brdf=self.spp // 2)
+            return halves(self.spp)
         return Counts(**{self.strategy: self.spp})
 
     def evaluations(
         self, visibility: RayVisibility, light: MonteCarloLight, surface: Surface
     ) -> int:
-        lit_by = 1 if light.environment.spheres is None else 2
-        return lit_by * self.spp * int(jnp.sum(surface.mask))
+        return directions_integrated(self, light, surface)
 
 
 def compensated(luminance: Float[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
