@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         VectorizedVisibility,
         VisibilityCorrespondence,
         VisibilityField,
+        citation,
     )
     from jaxvis.reflectance import Material
     from jaxvis.report import write_report
@@ -65,6 +66,7 @@ _HOMES = {
     "VectorizedVisibility": "methods",
     "VisibilityCorrespondence": "methods",
     "VisibilityField": "methods",
+    "citation": "methods",
     "Material": "reflectance",
     "write_report": "report",
     "Camera": "scene",
@@ -97,6 +99,7 @@ __all__ = [
     "VisibilityCorrespondence",
     "VisibilityField",
     "build_scene",
+    "citation",
     "compare",
     "datasets",
     "default_camera",

@@ -1,6 +1,7 @@
 """The methods, by name (DESIGN §1)."""
 
 from jaxvis.methods.base import Method
+from jaxvis.methods.citations import citation
 from jaxvis.methods.cones import HybridCones, VoxelCones
 from jaxvis.methods.denoised import Denoised
 from jaxvis.methods.distance_field import AdaptiveVisibility, DistanceField, ShadowMaps
@@ -138,6 +139,7 @@ __all__ = [
     "VisibilityCorrespondence",
     "VisibilityField",
     "VoxelCones",
+    "citation",
     "create",
     "names",
     "parse_list",
