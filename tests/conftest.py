@@ -3,14 +3,25 @@
 import os
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-# Most of a test's time is XLA's, which compiles programs that run once: it need not optimise them.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 
 import jax
 import pytest
 from jaxtyping import install_import_hook
 
 install_import_hook("jaxvis", "beartype.beartype")
+
+# Most of a test's time is XLA's, which compiles programs that run once: it need not optimise them.
+jax.config.update("jax_disable_most_optimizations", True)
+
+
+@pytest.fixture(scope="module")
+def optimised():
+    """Programs as users compile them, for tests of the last digits."""
+    jax.clear_caches()
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", True)
+    jax.clear_caches()
 
 
 @pytest.fixture(scope="session", autouse=True)

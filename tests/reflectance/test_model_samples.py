@@ -19,6 +19,8 @@ from tests.reflectance.model_cases import (
     view_at,
 )
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 
 def bin_masses(model, surface, view, axis, theta, phi, order):
     """The density's integral over each bin between the edges ``theta``, ``phi`` about ``axis``.

@@ -32,6 +32,8 @@ from tests.reflectance.model_cases import (
     view_at,
 )
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 
 def test_the_quadrature_integrates_the_sphere():
     directions, weights = sphere_quadrature(0.4)

@@ -9,6 +9,8 @@ from jaxvis.sampling import microfacet
 
 from .chi_square import SIGNIFICANCE, p_value, zone_counts, zone_probabilities
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 COUNT = 100_000
 MODELS = ["ggx", "beckmann"]
 sample_normal = jax.jit(microfacet.sample_normal, static_argnames="model")
