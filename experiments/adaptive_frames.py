@@ -3,13 +3,16 @@
 Used by :mod:`experiments.adaptive_table`.
 """
 
-import argparse
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import jax
 import numpy as np
 
-from experiments.adaptive_runs import Moving, Row, placed, resident_megabytes, seconds_of, stopwatch
+from experiments.adaptive_runs import Moving, placed
+from experiments.measuring import Row, resident_megabytes, seconds_of, stopwatch
+from experiments.output import Output
+from experiments.settings import Common, setting
 from jaxvis.compare.setting import Setting
 from jaxvis.image import relative_rmse
 from jaxvis.methods.distance_field import AdaptiveVisibility, build
@@ -28,8 +31,19 @@ PAPER_TABLE_1 = {
 """Samples, t_I, t_V and t_S in milliseconds, and frames a second on a GTX 680 at 640 x 480."""
 
 
+@dataclass(frozen=True)
+class FrameSettings(Common):
+    frame: int = setting(12, "that stands still")
+    repeats: int = setting(3, "of what is timed")
+    frames: int = setting(8, "carried over; 60 show whether memory grows")
+    every: int = setting(10, "frames to a row of --what frames")
+    carried_only: bool = setting(False, "no frames placed anew, to look at memory")
+    parts: int = setting(3, "that move alone, the largest")
+    mean: int = setting(4, "frames that table 1 averages")
+
+
 def frames_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: FrameSettings, output: Output
 ) -> Iterator[Row]:
     """Samples carried from frame to frame; every so often a frame beside one placed anew.
 
@@ -37,21 +51,21 @@ def frames_rows(
     anew, so that it is that of the animation alone; programs for new lengths are compiled at first.
     """
     light = method.light(view.environment)
-    fields = placed(method, view.at(options.frame))
-    last = options.frame
+    fields = placed(method, view.at(settings.frame))
+    last = settings.frame
     kept: Row = {"s": [], "shade s": [], "M rays": []}
-    for frame in range(options.frame + 1, options.frame + options.frames + 1):
+    for frame in range(settings.frame + 1, settings.frame + settings.frames + 1):
         frame %= view.animation.frames
-        setting, before = view.at(frame), fields
+        stage, before = view.at(frame), fields
         fields, seconds = seconds_of(
-            lambda s=setting, p=before: method.precompute_for(s.scene, s.surface, p, progress=False)
+            lambda s=stage, p=before: method.precompute_for(s.scene, s.surface, p, progress=False)
         )
-        image, shade_s = seconds_of(lambda s=setting, f=fields: method.shade(f, light, s.surface))
+        image, shade_s = seconds_of(lambda s=stage, f=fields: method.shade(f, light, s.surface))
         kept["s"].append(seconds)
         kept["shade s"].append(shade_s)
         kept["M rays"].append(fields.rays_traced / 1e6)
         number = len(kept["s"])
-        if number % options.every and number != options.frames:
+        if number % settings.every and number != settings.frames:
             last = frame
             continue
         moved = 100.0 * float(np.mean(view.animation.moved(last, frame)))
@@ -64,47 +78,47 @@ def frames_rows(
             **{f"carried {name}": float(np.median(values)) for name, values in kept.items()},
             "MB held": resident_megabytes(),
         }
-        yield row if options.carried_only else row | _beside(method, light, setting, fields, image)
+        yield row if settings.carried_only else row | _beside(method, light, stage, fields, image)
 
 
 def _beside(
     method: AdaptiveVisibility,
     light: SphericalGaussians,
-    setting: Setting,
+    stage: Setting,
     fields: DistanceFields,
     image: jax.Array,
 ) -> Row:
     """Samples that were carried over beside ones placed anew."""
-    fresh, seconds = seconds_of(lambda: placed(method, setting))
-    other = method.shade(fresh, light, setting.surface)
+    fresh, seconds = seconds_of(lambda: placed(method, stage))
+    other = method.shade(fresh, light, stage.surface)
     return {
         "anew": len(fresh.samples),
         "anew s": seconds,
         "anew M rays": fresh.rays_traced / 1e6,
         "rays %": 100.0 * fields.rays_traced / max(fresh.rays_traced, 1),
-        "images differ %": 100.0 * relative_rmse(image, other, setting.covered),
+        "images differ %": 100.0 * relative_rmse(image, other, stage.covered),
     }
 
 
 def part_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: FrameSettings, output: Output
 ) -> Iterator[Row]:
     """The next frame if nothing, each of a few parts, or everything moves."""
-    first = options.frame
+    first = settings.frame
     second = (first + 1) % view.animation.frames
     before = placed(method, view.at(first))
     moving = view.animation.moved(first, second)
     share = np.bincount(view.animation.parts[moving], minlength=view.animation.parts.max() + 1)
-    most = [int(p) for p in np.argsort(-share, kind="stable") if share[p]][: options.parts]
+    most = [int(p) for p in np.argsort(-share, kind="stable") if share[p]][: settings.parts]
     cases = {"nothing": view.with_part(-1, first, second)}
     cases |= {f"part {p}": view.with_part(p, first, second) for p in most}
     cases["all"] = view.animation.scene(second)
     here = view.animation.scene(first)
     for name, scene in cases.items():
-        setting = view.of(scene)
+        stage = view.of(scene)
         fields, seconds = seconds_of(
-            lambda s=setting: method.precompute_for(s.scene, s.surface, before, progress=False),
-            options.repeats,
+            lambda s=stage: method.precompute_for(s.scene, s.surface, before, progress=False),
+            settings.repeats,
         )
         moved = moved_vertices(here, scene)
         yield {
@@ -119,7 +133,7 @@ def part_rows(
 
 
 def table_1_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: FrameSettings, output: Output
 ) -> Iterator[Row]:
     """Means over a few frames, carried over and placed anew; the scene itself is not timed.
 
@@ -127,25 +141,25 @@ def table_1_rows(
     weigh. "MB by the paper" counts 34 KiB a sample, without the tree of triangles.
     """
     light = method.light(view.environment)
-    before = placed(method, view.at(options.frame))
-    first = view.at(options.frame)
+    before = placed(method, view.at(settings.frame))
+    first = view.at(settings.frame)
     jax.block_until_ready(method.shade(before, light, first.surface))
     totals: dict[str, list[Row]] = {"carried": [], "anew": []}
-    for frame in range(options.frame + 1, options.frame + options.mean + 1):
-        setting = view.at(frame % view.animation.frames)
+    for frame in range(settings.frame + 1, settings.frame + settings.mean + 1):
+        stage = view.at(frame % view.animation.frames)
         for name, previous in (("carried", before), ("anew", None)):
             with stopwatch(build, "fill_maps", "signed_distances") as spent:
                 fields, seconds = seconds_of(
-                    lambda s=setting, p=previous: method.precompute_for(
+                    lambda s=stage, p=previous: method.precompute_for(
                         s.scene, s.surface, p, progress=False
                     )
                 )
-            method.shade(fields, light, setting.surface)  # compiles, where lengths are new
-            _, shade_s = seconds_of(lambda s=setting, f=fields: method.shade(f, light, s.surface))
+            method.shade(fields, light, stage.surface)  # compiles, where lengths are new
+            _, shade_s = seconds_of(lambda s=stage, f=fields: method.shade(f, light, s.surface))
             maps_s, distances_s = spent["fill_maps"], spent["signed_distances"]
             totals[name].append(
                 {
-                    "pixels": int(setting.covered.sum()),
+                    "pixels": int(stage.covered.sum()),
                     "vertices": len(fields.positions),
                     "samples": len(fields.samples),
                     "MB": fields.nbytes / 1e6,

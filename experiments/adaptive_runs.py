@@ -1,18 +1,11 @@
-"""What the tables of adaptive visibility sampling share: frames, fills, fits and pictures.
+"""What the tables of adaptive visibility sampling share: frames, fills and fits.
 
 Used by :mod:`experiments.adaptive_table`.
 """
 
-import contextlib
-import os
-import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any, NamedTuple
-from unittest import mock
 
 import jax
 import numpy as np
@@ -20,24 +13,19 @@ from jaxtyping import Float32, Int
 from numpy.typing import ArrayLike
 
 import jaxvis
+from experiments.measuring import seconds_of
 from jaxvis.compare.measurement import finite_image
-from jaxvis.compare.result import composite
 from jaxvis.compare.setting import Setting, prepare
-from jaxvis.image import exposure_of, psnr, relative_rmse, write_image
+from jaxvis.image import psnr, relative_rmse
 from jaxvis.methods import Method, Reference
 from jaxvis.methods.distance_field import AdaptiveVisibility, build
 from jaxvis.methods.distance_field.build import EVEN, Angular, Sampling, Vertices
 from jaxvis.methods.distance_field.field import DistanceFields
 from jaxvis.methods.distance_field.maps import Traced
 from jaxvis.methods.distance_field.neighbours import Places
-from jaxvis.report import numbers
 from jaxvis.scene import Animation, Scene
 
-Row = dict[str, Any]
 Pixels = Float32[np.ndarray, "height width 3"]
-
-GAP = 4
-"""Pixels between the pictures of a strip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,16 +95,6 @@ class Shaded(NamedTuple):
     def seconds(self) -> float:
         """All of it."""
         return self.precompute + self.light + self.shade
-
-
-def seconds_of(function: Callable[[], Any], repeats: int = 1) -> tuple[Any, float]:
-    """(last result, median seconds), waiting for the device."""
-    result, times = None, []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        result = jax.block_until_ready(function())
-        times.append(time.perf_counter() - start)
-    return result, statistics.median(times)
 
 
 def shaded(
@@ -189,28 +167,6 @@ def every_vertex_in_view(setting: Setting, angular: Angular) -> DistanceFields:
     return build.distance_fields(sampling, places, candidates, near=near, interpolation="inverse")
 
 
-@contextlib.contextmanager
-def stopwatch(module: ModuleType | SimpleNamespace, *names: str) -> Iterator[dict[str, float]]:
-    """Seconds spent in functions of a module while it is entered, by name."""
-    spent = dict.fromkeys(names, 0.0)
-
-    def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **options: Any) -> Any:
-            start = time.perf_counter()
-            try:
-                return function(*arguments, **options)
-            finally:
-                spent[name] += time.perf_counter() - start
-
-        return call
-
-    with contextlib.ExitStack() as stack:
-        for name in names:
-            wrapped = timed(name, getattr(module, name))
-            stack.enter_context(mock.patch.object(module, name, wrapped))
-        yield spent
-
-
 @dataclass(frozen=True)
 class Noise:
     """What a Monte Carlo estimator of n rays a pixel does: RMSE^2 = spread^2 / n + floor^2 against
@@ -255,42 +211,3 @@ class Noise:
     def spp_at_seconds(self, seconds: float) -> int:
         """Rays a pixel in a time, at least one."""
         return max(1, round((seconds - self.start) / self.each))
-
-
-def resident_megabytes() -> float:
-    """Memory that this process holds now (10^6 bytes); not a number where Linux does not tell."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except OSError:
-        return float("nan")
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def write_strip(path: Path, setting: Setting, images: Sequence[Pixels], exposed: Pixels) -> None:
-    """Images side by side over the environment, with the exposure of one of them."""
-    exposure = exposure_of(exposed, setting.covered)
-    shown = [composite(i, setting.coverage, setting.background, exposure) for i in images]
-    gap = np.ones((shown[0].shape[0], GAP, 3), np.float32)
-    row = [part for picture in shown for part in (gap, picture)][1:]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_image(path, np.concatenate(row, axis=1))
-
-
-def markdown(title: str, rows: Sequence[Row]) -> str:
-    """A table; columns in the order in which rows bring them up, blanks where a row has none."""
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    lines = [f"\n### {title}\n", _line(columns), _line(["---"] * len(columns))]
-    lines += [_line([_cell(row.get(name)) for name in columns]) for row in rows]
-    return "\n".join(lines)
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, float | np.floating):
-        return numbers.significant(float(value)) if abs(value) < 1e3 else f"{value:.0f}"
-    return str(value)

@@ -1,41 +1,39 @@
 """What adaptive visibility sampling saves and costs (paper 002, table 1, figs. 6, 7 and 8).
 
-``--what`` says which tables: ``maps`` (texels and rays of adaptive maps beside dense ones),
-``placement`` (samples placed beside one at every vertex in view), ``thresholds`` (fig. 6),
-``resolution`` (fig. 7), ``equal`` (fig. 8: against ``mc-mis``), ``frames`` (carrying samples over
-from frame to frame, also where only a part moves, and memory) and ``table1``. Tables are Markdown;
-``--out`` also writes pictures and pages of ``equal``.
+--what says which tables: maps (texels and rays of adaptive maps beside dense ones), placement
+(samples placed beside one at every vertex in view), thresholds (fig. 6), resolution (fig. 7), equal
+(fig. 8: against mc-mis), frames (carrying samples over from frame to frame, also where only a part
+moves, and memory) and table1. --out also writes pictures and pages of equal.
 
 Targets, on all three scenes: at least 99 % of texels as in the dense map with at most 20 % of its
 rays; samples at no more than 12 % of the vertices with an image within 1 dB of sampling all; equal
-RMSE at least 10 times as fast as ``mc-mis``; no rays where nothing moved; memory flat within 5 %.
+RMSE at least 10 times as fast as mc-mis; no rays where nothing moved; memory flat within 5 %.
 """
 
-import argparse
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 import jaxvis
-from experiments.adaptive_frames import frames_rows, part_rows, table_1_rows
+from experiments.adaptive_frames import FrameSettings, frames_rows, part_rows, table_1_rows
 from experiments.adaptive_runs import (
     Moving,
     Noise,
-    Row,
     Shaded,
     Truth,
     angular_of,
     every_vertex_in_view,
     filled,
-    markdown,
     placed,
-    seconds_of,
     shaded,
-    write_strip,
 )
+from experiments.measuring import Row, seconds_of, write_strip
+from experiments.output import Output
+from experiments.settings import execute, setting
 from jaxvis.compare.setting import Setting
 from jaxvis.methods import MonteCarlo, registry
 from jaxvis.methods.distance_field import AdaptiveVisibility
@@ -46,17 +44,37 @@ COARSER = (64, 128)
 RESOLUTIONS = (64, 128, 256)
 FILLS = ("adaptive", "dense", "rasterized")
 LIGHTS = {"cells": 512, "fitted": 32}
-FREE_BUDGET = 0.5
-"""Share of vertices that may be samples where thresholds decide."""
+
+
+@dataclass(frozen=True)
+class Settings(FrameSettings):
+    what: tuple[
+        Literal[
+            "all", "maps", "placement", "thresholds", "resolution", "equal", "frames", "table1"
+        ],
+        ...,
+    ] = setting(("all",), "which tables")
+    scene: tuple[str, ...] = setting(("hat", "balls", "walker"), "what moves")
+    environment: str = setting("windows", "what lights it")
+    size: tuple[int, int] = setting((320, 240), "of the images", metavar=("W", "H"))
+    method: str = setting("adaptive", "with parameters")
+    error: float = setting(0.01, "standard error of the reference, relative to its mean")
+    spp: tuple[int, ...] = setting((16, 64, 256), "of mc-mis, to fit its error")
+    limit: float = setting(60.0, "seconds that mc-mis may take to confirm the fit")
+    budget: float = setting(0.5, "share of vertices that may be samples, for thresholds")
+    resolutions: tuple[int, ...] = setting(
+        (), "of maps; default: 64 128, for --what resolution also 256"
+    )
+    maps: int = setting(500, "that --what resolution fills, about")
 
 
 def maps_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Maps at the samples that were placed: as the rounds left them, and all filled at once."""
-    setting = view.at(options.frame)
-    fields, angular = placed(method, setting), angular_of(method)
-    vertices, ids = Vertices.of(setting.scene), np.asarray(fields.samples)
+    stage = view.at(settings.frame)
+    fields, angular = placed(method, stage), angular_of(method)
+    vertices, ids = Vertices.of(stage.scene), np.asarray(fields.samples)
     places = vertices.places(method.alpha)
     dense, dense_s = filled(vertices, angular._replace(fill="dense"), ids, None)
     again, adaptive_s = filled(vertices, angular, ids, places)
@@ -81,20 +99,18 @@ def maps_rows(
 
 
 def placement_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Samples placed beside samples at every vertex in view, for both kinds of lobes."""
-    setting = view.at(options.frame)
-    truth = Truth.of(setting, options.error)
-    fields, seconds = seconds_of(lambda: placed(method, setting))
-    everywhere, all_s = seconds_of(lambda: every_vertex_in_view(setting, angular_of(method)))
+    stage = view.at(settings.frame)
+    truth = Truth.of(stage, settings.error)
+    fields, seconds = seconds_of(lambda: placed(method, stage))
+    everywhere, all_s = seconds_of(lambda: every_vertex_in_view(stage, angular_of(method)))
     total, in_view = len(fields.positions), int(np.any(np.asarray(everywhere.weights), 1).sum())
     for lobes, lights in LIGHTS.items():
         one = replace(method, lobes=lobes, lights=lights)
-        light = one.light(setting.environment)
-        few, every = (
-            np.asarray(one.shade(f, light, setting.surface)) for f in (fields, everywhere)
-        )
+        light = one.light(stage.environment)
+        few, every = (np.asarray(one.shade(f, light, stage.surface)) for f in (fields, everywhere))
         yield {
             "scene": view.name,
             "lobes": f"{lights} {lobes}",
@@ -114,29 +130,29 @@ def placement_rows(
 
 
 def threshold_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 6. The initial samples are as many as usual, but thresholds end insertion, not the
     budget; E_min is half of E_max."""
-    setting = view.at(options.frame)
-    truth = Truth.of(setting, options.error)
-    light = method.light(setting.environment)
-    initial = method.initial * method.budget / options.budget
-    for largest, resolution in itertools.product(LARGEST, options.resolutions or COARSER):
+    stage = view.at(settings.frame)
+    truth = Truth.of(stage, settings.error)
+    light = method.light(stage.environment)
+    initial = method.initial * method.budget / settings.budget
+    for largest, resolution in itertools.product(LARGEST, settings.resolutions or COARSER):
         one = replace(
             method,
             largest=largest,
             least=0.5 * largest,
             resolution=resolution,
-            budget=options.budget,
+            budget=settings.budget,
             initial=min(initial, 1.0),
         )
-        fields, seconds = seconds_of(lambda one=one: placed(one, setting))
-        image = np.asarray(one.shade(fields, light, setting.surface))
+        fields, seconds = seconds_of(lambda one=one: placed(one, stage))
+        image = np.asarray(one.shade(fields, light, stage.surface))
         yield {
             "scene": view.name,
             "E_max %": round(100.0 * largest),
-            "texels": f"{resolution}²",
+            "texels a side": resolution,
             "samples": len(fields.samples),
             "% of vertices": 100.0 * len(fields.samples) / len(fields.positions),
             "M rays": fields.rays_traced / 1e6,
@@ -148,16 +164,16 @@ def threshold_rows(
 
 
 def resolution_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 7: the maps of the same samples, filled in three ways."""
-    setting = view.at(options.frame)
-    vertices, ids = Vertices.of(setting.scene), np.asarray(placed(method, setting).samples)
-    ids = ids[:: max(len(ids) // options.maps, 1)]
+    stage = view.at(settings.frame)
+    vertices, ids = Vertices.of(stage.scene), np.asarray(placed(method, stage).samples)
+    ids = ids[:: max(len(ids) // settings.maps, 1)]
     places = vertices.places(method.alpha)
     filled(vertices, angular_of(method)._replace(fill="rasterized"), ids[:2], None)  # compiles
-    for resolution in options.resolutions or RESOLUTIONS:
-        row: Row = {"scene": view.name, "texels": f"{resolution}²", "maps": len(ids)}
+    for resolution in settings.resolutions or RESOLUTIONS:
+        row: Row = {"scene": view.name, "texels a side": resolution, "maps": len(ids)}
         for fill in FILLS:
             angular = Angular(resolution, fill, method.coarsest)
             traced, seconds = filled(vertices, angular, ids, places)
@@ -170,31 +186,31 @@ def resolution_rows(
 
 
 def equal_rows(
-    view: Moving, method: AdaptiveVisibility, options: argparse.Namespace
+    view: Moving, method: AdaptiveVisibility, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 8: ``mc-mis`` at equal quality and at equal time.
 
     Times are those of a frame placed anew, of one carried over from the frame before, and of
     shading alone; all of ``mc-mis`` counts.
     """
-    setting = view.at(options.frame)
-    truth = Truth.of(setting, options.error)
-    anew = shaded(method, setting, options.repeats)
+    stage = view.at(settings.frame)
+    truth = Truth.of(stage, settings.error)
+    anew = shaded(method, stage, settings.repeats)
     rmse = truth.relative_rmse(anew.image)
-    before = placed(method, view.at(max(options.frame - 1, 0)))
-    carried = shaded(method, setting, options.repeats, previous=before)
-    noise = noise_of(setting, truth, options)
+    before = placed(method, view.at(max(settings.frame - 1, 0)))
+    carried = shaded(method, stage, settings.repeats, previous=before)
+    noise = noise_of(stage, truth, settings)
     spp = noise.spp_at_rmse(rmse)
     needed, confirmed = noise.seconds(spp), None
-    if needed < options.limit:
+    if needed < settings.limit:
         spp = max(1, round(spp))
-        confirmed = monte_carlo(setting, spp)
+        confirmed = monte_carlo(stage, spp)
         needed = confirmed.seconds
     usual = {
         "scene": view.name,
         "RMSE %": 100.0 * rmse,
         "dB": truth.psnr(anew.image),
-        "mc spp": round(spp) if np.isfinite(spp) else "-",
+        "mc spp": round(spp) if np.isfinite(spp) else spp,
         "mc s": needed,
         "confirmed RMSE %": confirmed and 100.0 * truth.relative_rmse(confirmed.image),
     }
@@ -205,7 +221,7 @@ def equal_rows(
         ("shading", anew.shade, rmse),
     ):
         count = noise.spp_at_seconds(seconds)
-        same = monte_carlo(setting, count)
+        same = monte_carlo(stage, count)
         at_equal_time.append(same.image)
         yield {
             **usual,
@@ -218,100 +234,72 @@ def equal_rows(
             "its RMSE %": 100.0 * truth.relative_rmse(same.image),
             "its dB": truth.psnr(same.image),
         }
-    if options.out:
+    picture, folder = output.path(f"{view.name}.png"), output.path(view.name)
+    if picture is not None and folder is not None:
         pictures = [anew.image, at_equal_time[0], at_equal_time[2], truth.image]
-        write_strip(Path(options.out) / f"{view.name}.png", setting, pictures, truth.image)
-        write_page(setting, method, noise.spp_at_seconds(anew.seconds), options)
+        write_strip(picture, stage, pictures, truth.image)
+        write_page(folder, stage, method, noise.spp_at_seconds(anew.seconds), settings)
 
 
-def monte_carlo(setting: Setting, spp: int) -> Shaded:
+def monte_carlo(stage: Setting, spp: int) -> Shaded:
     """``mc-mis``, warm."""
-    return shaded(MonteCarlo(spp=spp), setting)
+    return shaded(MonteCarlo(spp=spp), stage)
 
 
-def noise_of(setting: Setting, truth: Truth, options: argparse.Namespace) -> Noise:
+def noise_of(stage: Setting, truth: Truth, settings: Settings) -> Noise:
     """What ``mc-mis`` does with few and more rays."""
-    found = [monte_carlo(setting, spp) for spp in options.spp]
+    found = [monte_carlo(stage, spp) for spp in settings.spp]
     errors = [truth.relative_rmse(one.image) for one in found]
-    return Noise.fit(options.spp, errors, [one.seconds for one in found], truth.error)
+    return Noise.fit(settings.spp, errors, [one.seconds for one in found], truth.error)
 
 
 def write_page(
-    setting: Setting, method: AdaptiveVisibility, spp: int, options: argparse.Namespace
+    folder: Path, stage: Setting, method: AdaptiveVisibility, spp: int, settings: Settings
 ) -> None:
     """The usual page: the method beside ``mc-mis`` in as much time."""
-    folder = Path(options.out) / setting.scene.name
     comparison = jaxvis.compare(
-        setting.scene,
-        setting.environment,
+        stage.scene,
+        stage.environment,
         [method, MonteCarlo(spp=spp)],
-        setting.size,
-        reference=f"reference:error={options.error}",
+        stage.size,
+        reference=f"reference:error={settings.error}",
         out=folder,
         progress=False,
     )
     jaxvis.write_report(comparison, folder, progress=False)
 
 
-Part = Callable[[Moving, AdaptiveVisibility, argparse.Namespace], Iterator[Row]]
+Part = Callable[[Moving, AdaptiveVisibility, Settings, Output], Iterator[Row]]
 
-PARTS: dict[str, list[tuple[str, Part]]] = {
-    "maps": [("Adaptive maps beside dense ones", maps_rows)],
-    "placement": [("Placed samples beside every vertex in view", placement_rows)],
-    "thresholds": [("Thresholds and resolution (fig. 6)", threshold_rows)],
-    "resolution": [("Filling maps (fig. 7)", resolution_rows)],
-    "equal": [("Equal quality and equal time (fig. 8)", equal_rows)],
-    "frames": [("Frames", frames_rows), ("What moves", part_rows)],
-    "table1": [("Table 1", table_1_rows)],
+PARTS: dict[str, list[tuple[str, str, Part]]] = {
+    "maps": [("maps", "Adaptive maps beside dense ones", maps_rows)],
+    "placement": [("placement", "Placed samples beside every vertex in view", placement_rows)],
+    "thresholds": [("thresholds", "Thresholds and resolution (fig. 6)", threshold_rows)],
+    "resolution": [("resolution", "Filling maps (fig. 7)", resolution_rows)],
+    "equal": [("equal", "Equal quality and equal time (fig. 8)", equal_rows)],
+    "frames": [("frames", "Frames", frames_rows), ("parts", "What moves", part_rows)],
+    "table1": [("table1", "Table 1", table_1_rows)],
 }
+"""Tables with the names of their files, by what is asked for."""
 
 
-def options_of_command_line(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    add = parser.add_argument
-    add("--what", nargs="+", default=["all"], choices=["all", *PARTS])
-    add("--scenes", nargs="+", default=["hat", "balls", "walker"])
-    add("--environment", default="windows")
-    add("--size", nargs=2, type=int, default=[320, 240], metavar=("W", "H"))
-    add("--method", default="adaptive", help="with parameters; default: %(default)s")
-    add("--frame", type=int, default=12, help="that stands still; default: %(default)s")
-    add("--error", type=float, default=0.01, help="of the reference")
-    add("--repeats", type=int, default=3, help="of what is timed")
-    add("--spp", nargs="+", type=int, default=[16, 64, 256], help="of mc-mis, to fit its error")
-    add("--limit", type=float, default=60.0, help="seconds that mc-mis may take to confirm the fit")
-    add("--budget", type=float, default=FREE_BUDGET, help="share of vertices, for thresholds")
-    add(
-        "--resolutions",
-        nargs="+",
-        type=int,
-        help="of maps; default: 64 128, for --what resolution also 256",
-    )
-    add("--maps", type=int, default=500, help="that --what resolution fills, about")
-    add("--frames", type=int, default=8, help="carried over; the issue's number is 60")
-    add("--every", type=int, default=10, help="frames to a row of --what frames")
-    add("--carried-only", action="store_true", help="no frames placed anew, to look at memory")
-    add("--parts", type=int, default=3, help="that move alone, the largest")
-    add("--mean", type=int, default=4, help="frames that table 1 averages")
-    add("--out", help="folder for pictures and pages of --what equal")
-    return parser.parse_args(arguments)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    options = options_of_command_line(arguments)
-    environment = jaxvis.load_environment(options.environment)
-    method = registry.create(options.method)
+def measure(settings: Settings, output: Output) -> None:
+    """The tables that were asked for, of all scenes."""
+    environment = jaxvis.load_environment(settings.environment)
+    method = registry.create(settings.method)
     if not isinstance(method, AdaptiveVisibility):
-        raise SystemExit(f"--method must be adaptive or shadow-map, got {options.method!r}")
-    width, height = options.size
-    print(f"{environment.name}, {width} x {height}, {method}")
-    for what in PARTS if "all" in options.what else options.what:
-        for title, part in PARTS[what]:
+        raise ValueError(f"--method must be adaptive or shadow-map, got {settings.method!r}")
+    width, height = settings.size
+    output.say(f"{environment.name}, {width} x {height}, {method}")
+    chosen = PARTS if "all" in settings.what else dict.fromkeys(settings.what)
+    for what in chosen:
+        for name, title, part in PARTS[what]:
             rows = []
-            for name in options.scenes:
-                view = Moving(jaxvis.load_animation(name), environment, (width, height))
-                rows += part(view, method, options)
-            print(markdown(title, rows), flush=True)
+            for scene in settings.scene:
+                view = Moving(jaxvis.load_animation(scene), environment, settings.size)
+                rows += part(view, method, settings, output)
+            output.table(name, title, rows)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

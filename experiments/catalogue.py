@@ -23,7 +23,6 @@ class Experiment:
         quick: those that make it small: built-in scenes and lights, seconds to a minute.
         data: the data sets that ``full`` uses, by the names of :mod:`jaxvis.datasets`.
         needs: modules that are not always installed, each with the extra of jaxvis that has it.
-        out: whether it writes pictures to the folder ``--out``.
     """
 
     name: str
@@ -32,7 +31,6 @@ class Experiment:
     full: tuple[str, ...] = ()
     data: tuple[str, ...] = ()
     needs: tuple[tuple[str, str], ...] = ()
-    out: bool = False
 
     @property
     def papers(self) -> str:
@@ -48,7 +46,7 @@ EXPERIMENTS = (
         "correspondence_table",
         "sizes, build times and triples of correspondence; PSNR, frame times and seams",
         quick=(
-            *("--scene", TORUS, "--environment", "windows", *SQUARE, "--quick", "--sweep"),
+            *("--scene", TORUS, "--environment", "windows", *SQUARE, "--cached", "--sweep"),
             *("--seams", "--zeta", "0", "2", "--error", "0.03", "--repeats", "1"),
             *("--vectors", "64", "--no-scaling"),
         ),
@@ -63,7 +61,6 @@ EXPERIMENTS = (
             *("--error", "0.03", "--repeats", "1", "--vectors", "64"),
         ),
         data=("duck", "stpeters"),
-        out=True,
     ),
     Experiment(
         "per_fragment",
@@ -73,16 +70,17 @@ EXPERIMENTS = (
             *("--repeats", "1", "--vectors", "64"),
         ),
         data=("duck", "stpeters"),
-        out=True,
     ),
     Experiment(
-        "equal_time_vectorized",
-        "PSNR of vectorized, mc-mis and Mitsuba (if installed) at equal frame time",
+        "equal_time",
+        "PSNR at equal time and time at equal PSNR: precomputed methods, estimators, Mitsuba",
         quick=(
             *("--scene", TORUS, "--environment", "windows", *SQUARE, "--error", "0.03"),
-            *("--repeats", "1", "--vectors", "64", "--zeta", "2", "--peer-spp", "64"),
+            *("--methods", "vectorized:vectors=64", "correspondence:vectors=64", "--zeta", "2"),
+            *("--estimators", "mc-mis", "mc-ides", "--denoised", "mc-ides+denoise"),
+            *("--repeats", "1", "--samples", "64", "--peer-spp", "256"),
         ),
-        data=("duck", "stpeters"),
+        data=("duck", "utah-teapot", "stpeters"),
     ),
     Experiment(
         "vertex_irradiance",
@@ -111,7 +109,6 @@ EXPERIMENTS = (
             *("--error", "0.03", "--refine", "0.05", "--zeta", "2"),
         ),
         data=("duck", "stpeters"),
-        out=True,
     ),
     Experiment(
         "speed_shading",
@@ -136,23 +133,24 @@ EXPERIMENTS = (
             *("--glossy", "--finer", "--all-frequency"),
         ),
         data=("sponza", "uffizi", "stpeters"),
-        out=True,
     ),
     Experiment(
         "adaptive_table",
         "adaptive, distance-field and shadow-map: maps, samples, thresholds, equal time, frames",
         quick=(
-            *("--scenes", "balls", *SMALL, "--error", "0.03", "--repeats", "1", "--spp", "4"),
+            *("--scene", "balls", *SMALL, "--error", "0.03", "--repeats", "1", "--spp", "4"),
             *("16", "--limit", "5", "--resolutions", "32", "--maps", "40", "--frames", "2"),
             *("--every", "1", "--parts", "1", "--mean", "1", "--budget", "0.2"),
             *("--method", "adaptive:resolution=32,lights=64"),
         ),
-        out=True,
     ),
     Experiment(
         "spherical_gaussian_table",
         "errors of fits, cells, lobes and visibility integrals (eqs. 2 and 5 of paper 002)",
-        quick=("--quick",),
+        quick=(
+            *("--environment", "windows", "--rows", "32", "--masks", "4", "--lobes", "8", "16"),
+            *("--steps", "100", "--cells", "64", "256", "--roughness", "0.4"),
+        ),
         data=("stpeters",),
     ),
     Experiment(
@@ -172,7 +170,6 @@ EXPERIMENTS = (
             *("--what", "memory", "quality", "--hybrids", "32x128", "--voxel", "32"),
             *("--size", "64", "40", "--error", "0.05", "--rays", "32", "--repeats", "1"),
         ),
-        out=True,
     ),
     Experiment(
         "speed_rays",
@@ -187,7 +184,6 @@ EXPERIMENTS = (
         "agreement with Mitsuba 3, and PSNR and seconds of both",
         quick=("--size", "48", "48", "--spp", "32", "--renders", "2"),
         needs=(("mitsuba", "peers"),),
-        out=True,
     ),
     Experiment(
         "large_frame",

@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
-from unittest import mock
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from experiments.adaptive_runs import resident_megabytes
+from experiments.measuring import resident_megabytes
 from jaxvis.compare.measurement import finite_image
 from jaxvis.compare.setting import Setting
 from jaxvis.image import flip, psnr, relative_rmse
@@ -26,7 +25,6 @@ from jaxvis.methods.cones.march import Lightmaps
 from jaxvis.methods.cones.volume import FACES, level_offset
 from jaxvis.methods.traced import shading_points, to_image
 
-Row = dict[str, Any]
 Pixels = Float32[np.ndarray, "height width 3"]
 
 BRICK = 8
@@ -109,9 +107,9 @@ class Lit:
 
     def whole(self, setting: Setting) -> Pixels:
         """What ``shade`` gives, without lighting the maps again."""
-        with mock.patch.object(type(self.method), "lightmaps", return_value=self.maps):
-            image = self.method.shade(self.visibility, self.light, setting.surface)
-        return finite_image(image)
+        return finite_image(
+            self.method.shade_lit(self.visibility, self.maps, self.light, setting.surface)
+        )
 
     def indirect(self, setting: Setting) -> Pixels:
         """The light of the maps alone, before a black sky."""
@@ -130,11 +128,15 @@ def name_of(method: HybridCones) -> str:
 
 
 def hybrid_of(text: str) -> HybridCones:
-    """``128x2048`` as a method: voxels, then texels along a side."""
+    """``128x2048`` as a method: voxels, then texels along a side.
+
+    Raises:
+        ValueError: not two whole numbers.
+    """
     try:
         voxels, texels = map(int, text.split("x"))
     except ValueError:
-        raise SystemExit(f"a hybrid is VOXELSxTEXELS, as 128x2048; got {text!r}") from None
+        raise ValueError(f"a hybrid is VOXELSxTEXELS, as 128x2048; got {text!r}") from None
     return HybridCones(voxels=voxels, texels=texels, bounces=1)
 
 

@@ -1,35 +1,31 @@
 """What hybrid cone tracing saves and costs beside voxel cone tracing (paper 003).
 
-``--what`` says which tables:
+--what says which tables:
 
-- ``memory`` (table 2): bytes of the lit maps, counted from the arrays that are allocated, with the
+- memory (table 2): bytes of the lit maps, counted from the arrays that are allocated, with the
   error of each beside them. Both methods keep the same formats: of the 3D lightmap six directional
   faces of RGBA in 16-bit floats (radiance premultiplied by opacity), all levels; of the 2D lightmap
   RGB in 16-bit floats and a 16-bit height, all levels.
-- ``quality`` (figs. 6 to 8): images with one bounce against the ray-traced reference.
-- ``sweeps``: sizes of the maps, cones, aperture, stepping and search.
-- ``leaks``: light within a closed room of thin walls, and below a slab and a bridge.
-- ``stages`` (section VII's times): what each stage takes, both methods side by side.
-- ``growth``: time and memory of larger images, and of the largest terrain's voxelisation.
+- quality (figs. 6 to 8): images with one bounce against the ray-traced reference.
+- sweeps: sizes of the maps, cones, aperture, stepping and search.
+- leaks: light within a closed room of thin walls, and below a slab and a bridge.
+- stages (section VII's times): what each stage takes, both methods side by side.
+- growth: time and memory of larger images, and of the largest terrain's voxelisation.
 
-Tables are Markdown; ``--out`` also writes pictures of ``quality``: reference, hybrid and voxels,
-whole and then indirect light alone.
+--out also writes pictures of quality: reference, hybrid and voxels, whole and then indirect light
+alone.
 """
 
-import argparse
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import get_args
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import jax
 
-from experiments.adaptive_runs import markdown, write_strip
 from experiments.cone_runs import (
     Lit,
-    Row,
     Truth,
     hybrid_of,
     isotropic_bytes,
@@ -38,7 +34,17 @@ from experiments.cone_runs import (
     table_bytes,
     voxel_of,
 )
-from experiments.cone_stages import growth_rows, large_rows, leak_rows, stage_rows, timed
+from experiments.cone_stages import (
+    StageSettings,
+    growth_rows,
+    large_rows,
+    leak_rows,
+    size_of,
+    stage_rows,
+)
+from experiments.measuring import Row, seconds_of, write_strip
+from experiments.output import Output
+from experiments.settings import execute, setting
 from jaxvis.compare.setting import Setting, prepare
 from jaxvis.methods import HybridCones
 from jaxvis.methods.cones.march import Stepping
@@ -61,18 +67,28 @@ SEARCHES: tuple[dict[str, str], ...] = (
 
 COMPARED = ("RMSE %", "FLIP", "indirect RMSE %")
 
+What = Literal["memory", "quality", "sweeps", "leaks", "stages", "growth"]
 
-def memory_rows(setting: Setting, options: argparse.Namespace) -> Iterator[Row]:
+
+@dataclass(frozen=True)
+class Settings(StageSettings):
+    what: tuple[What, ...] = setting(get_args(What), "which tables")
+    scene: tuple[str, ...] = setting(("terrain",), "what is lit")
+    environment: tuple[str, ...] = setting(("sky",), "what lights it, one after another")
+    size: tuple[int, int] = setting((320, 200), "of the images", metavar=("W", "H"))
+
+
+def memory_rows(view: Setting, settings: Settings, output: Output) -> Iterator[Row]:
     """Table 2. The first voxel size is what the others are compared with."""
-    truth = Truth.of(setting, options.error, options.rays)
+    truth = Truth.of(view, settings.error, settings.rays)
     baseline = None
-    methods = [*map(voxel_of, options.voxel), *map(hybrid_of, options.hybrids)]
+    methods = [*map(voxel_of, settings.voxel), *map(hybrid_of, settings.hybrids)]
     for method in methods:
-        lit = Lit.of(method, setting)
+        lit = Lit.of(method, view)
         maps, errors = lit.maps, truth.errors(lit)
         baseline = baseline or maps.nbytes
         parts = table_bytes(maps)
-        usual = {"scene": setting.scene.name, "maps": name_of(method)}
+        usual = {"scene": view.scene.name, "maps": name_of(method)}
         yield {
             **usual,
             "kept": "all (allocated)",
@@ -101,61 +117,63 @@ def memory_rows(setting: Setting, options: argparse.Namespace) -> Iterator[Row]:
         }
 
 
-def quality_rows(setting: Setting, options: argparse.Namespace) -> Iterator[Row]:
+def quality_rows(view: Setting, settings: Settings, output: Output) -> Iterator[Row]:
     """Figs. 6 to 8, and how well the reference is known."""
-    truth = Truth.of(setting, options.error, options.rays)
-    usual = {"scene": setting.scene.name, "light": setting.environment.name}
+    truth = Truth.of(view, settings.error, settings.rays)
+    usual = {"scene": view.scene.name, "light": view.environment.name}
     yield {
         **usual,
         "method": "reference, its noise",
         "RMSE %": 100.0 * truth.error,
         "indirect RMSE %": 100.0 * truth.indirect_error,
     }
-    methods = [hybrid_of(options.hybrids[0]), *map(voxel_of, options.voxel)]
+    methods = [hybrid_of(settings.hybrids[0]), *map(voxel_of, settings.voxel)]
     rows, whole, indirect = [], [truth.image], [truth.indirect]
     for method in methods:
-        lit = Lit.of(method, setting)
+        lit = Lit.of(method, view)
         rows.append({**usual, "method": name_of(method), **truth.errors(lit)})
-        _, rows[-1]["gather s"] = timed(lambda lit=lit: lit.gather(setting))
-        if options.out:
-            whole.append(lit.whole(setting))
-            indirect.append(lit.indirect(setting))
+        _, rows[-1]["gather s"] = seconds_of(lambda lit=lit: lit.gather(view))
+        if output.folder is not None:
+            whole.append(lit.whole(view))
+            indirect.append(lit.indirect(view))
     for row in rows:
         for name in COMPARED:
             if rows[0][name] is not None and row is not rows[0]:
                 row[f"hybrid's / its {name.removesuffix(' %')}"] = rows[0][name] / row[name]
         yield row
-    if options.out:
-        name = f"{setting.scene.name}-{setting.environment.name}".replace(":", "-")
-        folder = Path(options.out)
-        write_strip(folder / f"{name}.png", setting, whole, truth.image)
-        write_strip(folder / f"{name}-indirect.png", setting, indirect, truth.indirect)
+    name = f"{view.scene.name}-{view.environment.name}".replace(":", "-")
+    of_all, of_bounce = output.path(f"{name}.png"), output.path(f"{name}-indirect.png")
+    if of_all is not None and of_bounce is not None:
+        write_strip(of_all, view, whole, truth.image)
+        write_strip(of_bounce, view, indirect, truth.indirect)
 
 
-def resolution_rows(setting: Setting, options: argparse.Namespace) -> Iterator[Row]:
+def resolution_rows(view: Setting, settings: Settings, output: Output) -> Iterator[Row]:
     """Sizes of both maps."""
-    truth = Truth.of(setting, options.error, options.rays)
-    hybrids = [hybrid_of(f"{n}x{m}") for n, m in itertools.product(options.voxels, options.texels)]
-    for method in (*hybrids, *map(voxel_of, options.voxels)):
-        lit = Lit.of(method, setting)
+    truth = Truth.of(view, settings.error, settings.rays)
+    hybrids = [
+        hybrid_of(f"{n}x{m}") for n, m in itertools.product(settings.voxels, settings.texels)
+    ]
+    for method in (*hybrids, *map(voxel_of, settings.voxels)):
+        lit = Lit.of(method, view)
         yield _swept(truth, lit, {"maps": name_of(method), "MB": lit.maps.nbytes / 1e6})
 
 
-def march_rows(setting: Setting, options: argparse.Namespace) -> Iterator[Row]:
+def march_rows(view: Setting, settings: Settings, output: Output) -> Iterator[Row]:
     """Cones, aperture, stepping and search, one at a time, through the same maps."""
-    truth = Truth.of(setting, options.error, options.rays)
-    hybrid = hybrid_of(options.hybrids[0])
-    settings = [
+    truth = Truth.of(view, settings.error, settings.rays)
+    hybrid = hybrid_of(settings.hybrids[0])
+    tried = [
         *({"cones": count} for count in CONES),
         *({"aperture": math.radians(degrees)} for degrees in APERTURES),
         *({"stepping": stepping} for stepping in get_args(Stepping)),
         *SEARCHES,
     ]
     for first, changes in (
-        (hybrid, settings),
-        (voxel_of(options.voxel[0]), settings[: -len(SEARCHES)]),
+        (hybrid, tried),
+        (voxel_of(settings.voxel[0]), tried[: -len(SEARCHES)]),
     ):
-        lit = Lit.of(first, setting)
+        lit = Lit.of(first, view)
         for change in changes:
             shown = (
                 f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in change.items()
@@ -172,80 +190,46 @@ def changed(method: HybridCones, change: dict) -> HybridCones:
 def _swept(truth: Truth, lit: Lit, row: Row) -> Row:
     """Errors first: they compile what is then timed."""
     errors = truth.errors(lit)
-    _, seconds = timed(lambda: lit.gather(truth.setting))
+    _, seconds = seconds_of(lambda: lit.gather(truth.setting))
     return {"scene": truth.setting.scene.name, **row, **errors, "gather s": seconds}
 
 
-Part = Callable[[Setting, argparse.Namespace], Iterator[Row]]
+Part = Callable[[Setting, Settings, Output], Iterator[Row]]
 
-PARTS: dict[str, list[tuple[str, Part]]] = {
-    "memory": [("Memory (table 2)", memory_rows)],
-    "quality": [("One bounce against the reference (figs. 6 to 8)", quality_rows)],
-    "sweeps": [("Sizes of the maps", resolution_rows), ("The march", march_rows)],
-    "stages": [("Stages", stage_rows)],
-    "growth": [("Larger images", growth_rows)],
+PARTS: dict[str, list[tuple[str, str, Part]]] = {
+    "memory": [("memory", "Memory (table 2)", memory_rows)],
+    "quality": [("quality", "One bounce against the reference (figs. 6 to 8)", quality_rows)],
+    "sweeps": [
+        ("sizes", "Sizes of the maps", resolution_rows),
+        ("march", "The march", march_rows),
+    ],
+    "stages": [("stages", "Stages", stage_rows)],
+    "growth": [("growth", "Larger images", growth_rows)],
+}
+"""Tables with the names of their files, by what is asked for."""
+
+WITHOUT_SCENE: dict[str, tuple[str, str, Callable[[Settings], Iterator[Row]]]] = {
+    "leaks": ("leaks", "Leaks under a uniform sky", leak_rows),
+    "growth": ("largest", "The largest terrain", large_rows),
 }
 
-WITHOUT_SCENE: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
-    "leaks": ("Leaks under a uniform sky", leak_rows),
-    "growth": ("The largest terrain", large_rows),
-}
 
-WHAT = ("memory", "quality", "sweeps", "leaks", "stages", "growth")
-
-
-def options_of_command_line(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    add = parser.add_argument
-    add("--what", nargs="+", default=list(WHAT), choices=WHAT)
-    add("--scenes", nargs="+", default=["terrain"])
-    add("--environments", nargs="+", default=["sky"])
-    add("--size", nargs=2, type=int, default=[320, 200], metavar=("W", "H"))
-    add(
-        "--hybrids",
-        nargs="+",
-        default=["128x2048", "128x1024", "64x2048", "64x1024"],
-        help="voxels x texels; the first is compared with --voxel; default: %(default)s",
-    )
-    add("--voxel", nargs="+", type=int, default=[256, 128], help="of the baseline, first the usual")
-    add("--voxels", nargs="+", type=int, default=[64, 128, 256], help="of sweeps and leaks")
-    add("--texels", nargs="+", type=int, default=[512, 1024, 2048], help="of sweeps")
-    add("--error", type=float, default=0.01, help="of the reference, whole")
-    add("--rays", type=int, default=1024, help="of the reference's bounce, from each pixel")
-    add("--repeats", type=int, default=3, help="of what is timed")
-    add("--wall", type=float, default=0.02, help="thickness of walls that leak, metres")
-    add("--leak-size", nargs=2, type=int, default=[48, 36], metavar=("W", "H"))
-    add(
-        "--sizes",
-        nargs="+",
-        type=_size,
-        default=[(320, 180), (640, 360), (1280, 720)],
-        help="of growth, as 640x360",
-    )
-    add("--large", default="terrain:triangles=1850000", help="scene of growth's voxelisation")
-    add("--out", help="folder for pictures of --what quality")
-    return parser.parse_args(arguments)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, height = text.split("x")
-    return int(width), int(height)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    options = options_of_command_line(arguments)
-    width, height = options.size
-    print(f"{width} x {height}, JAX on {jax.default_backend()}")
-    for what in options.what:
-        for title, part in PARTS.get(what, []):
+def measure(settings: Settings, output: Output) -> None:
+    """The tables that were asked for, of all scenes."""
+    for size in settings.sizes:
+        size_of(size)  # a wrong one is told before anything is measured
+    width, height = settings.size
+    output.say(f"{width} x {height}, JAX on {jax.default_backend()}")
+    for what in dict.fromkeys(settings.what):
+        for name, title, part in PARTS.get(what, []):
             rows = []
-            for scene, light in itertools.product(options.scenes, options.environments):
-                rows += part(prepare(scene, light, (width, height)), options)
-            print(markdown(title, rows), flush=True)
+            for scene, light in itertools.product(settings.scene, settings.environment):
+                rows += part(prepare(scene, light, settings.size), settings, output)
+            output.table(name, title, rows)
         if what in WITHOUT_SCENE:
-            title, of_made = WITHOUT_SCENE[what]
-            print(markdown(title, list(of_made(options))), flush=True)
+            name, title, of_made = WITHOUT_SCENE[what]
+            output.table(name, title, of_made(settings))
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

@@ -2,35 +2,32 @@
 
 First tables: sizes of both structures and the time to build them; triples a triangle, in all and
 evaluated, and the share of faces that keep three evaluations; build times of ever finer meshes.
-With --sweep: PSNR against the reference, evaluations and frame time of ``vectorized`` and
-``correspondence`` for every zeta and for fragments, the two taking turns. With --seams: how much
-the light at inner edges of the mesh differs between the triples of the faces on either side,
-relative to the image's mean.
+With --sweep: PSNR against the reference, evaluations and frame time of vectorized and
+correspondence for every zeta and for fragments, the two taking turns. With --seams: how much the
+light at inner edges of the mesh differs between the triples of the faces on either side, relative
+to the image's mean.
 
-Targets: PSNR no less than that of ``vectorized`` from zeta 3 on; frame times 1.35 times shorter at
+Targets: PSNR no less than that of vectorized from zeta 3 on; frame times 1.35 times shorter at
 zeta 1, 2.3 at zeta 4 and 2.5 for fragments; 10 ms to build a triangle, in proportion to their
 number; at most 4.6 KB of triples and 2 % of faces with three evaluations; seams below 1 %.
 """
 
-import argparse
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import get_args
 
 import jax
 import numpy as np
-import pandas as pd
 
 import jaxvis
-from experiments.speed_rays import best_of
-from experiments.zeta_sweep import reference_image, white
+from experiments.measuring import best_of, reference_image, white
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.image import psnr
 from jaxvis.methods.vectorized import VectorizedVisibility, precompute_polygons
 from jaxvis.methods.vectorized.correspondence import CorrespondingPolygons, build
-from jaxvis.methods.vectorized.correspondence.build import Construction
 from jaxvis.methods.vectorized.correspondence.interpolated import Interpolation
-from jaxvis.methods.vectorized.correspondence.method import VisibilityCorrespondence
+from jaxvis.methods.vectorized.correspondence.method import Construction, VisibilityCorrespondence
 from jaxvis.methods.vectorized.correspondence.seams import (
     differences,
     mean_irradiance,
@@ -38,7 +35,7 @@ from jaxvis.methods.vectorized.correspondence.seams import (
 )
 from jaxvis.methods.vectorized.light import PolygonLight
 from jaxvis.methods.vectorized.mesh import Mesh
-from jaxvis.methods.vectorized.precompute import Settings
+from jaxvis.methods.vectorized.precompute import Settings as PolygonSettings
 from jaxvis.scene import Scene, Surface
 
 SMALL = "torus-on-plane:cells=4,around=8"
@@ -50,22 +47,41 @@ FINER = (8, 12, 16, 24)
 BIN_ENDS = (0.0, 1e-5, 1e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, np.inf)
 
 
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("duck", "utah-teapot", "bunny"), "what is lit")
+    environment: str = setting("stpeters", "what lights it")
+    sweep: bool = setting(False, "PSNR and frame times over zeta")
+    seams: bool = setting(False, "differences across inner edges")
+    scaling: bool = setting(True, "build times of ever finer meshes")
+    construction: Construction = setting(VisibilityCorrespondence.construction, "of triples")
+    interpolation: Interpolation = setting(VisibilityCorrespondence.interpolation, "inside faces")
+    zeta: tuple[float, ...] = setting((0.0, 1.0, 2.0, 3.0, 4.0), "tessellation qualities")
+    size: tuple[int, int] = setting((256, 256), "of the images", metavar=("W", "H"))
+    vectors: int = setting(128, "most position vectors of a polygon")
+    error: float = setting(0.01, "standard error of the reference, relative to its mean")
+    repeats: int = setting(5, "rounds of timing")
+    own_materials: bool = setting(False, "instead of white diffuse")
+    cached: bool = setting(False, "polygons from the cache, not timed")
+
+
 def built(
-    scene: Scene, method: VisibilityCorrespondence, options: argparse.Namespace
+    scene: Scene, method: VisibilityCorrespondence, settings: Settings
 ) -> tuple[CorrespondingPolygons, dict[str, float]]:
     """The correspondence, and the seconds that polygons and triples took."""
     start = time.perf_counter()
-    if options.quick:
+    if settings.cached:
         polygons = three_evaluations(method).precompute(scene, progress=False)
         polygon_seconds = np.nan
     else:
-        polygons = precompute_polygons(scene, Settings(vectors=method.vectors), progress=False)
+        fine = PolygonSettings(vectors=method.vectors)
+        polygons = precompute_polygons(scene, fine, progress=False)
         polygon_seconds = time.perf_counter() - start
-    settings = build.Settings(
+    how = build.Settings(
         construction=method.construction, seed=method.seed, interpolation=method.interpolation
     )
     start = time.perf_counter()
-    found = build.build_correspondence(polygons, scene.tracer, settings)
+    found = build.build_correspondence(polygons, scene.tracer, how)
     jax.block_until_ready(found)
     return found, {"polygons": polygon_seconds, "triples": time.perf_counter() - start}
 
@@ -110,12 +126,12 @@ def sizes(
     }
 
 
-def scaling(method: VisibilityCorrespondence, options: argparse.Namespace) -> list[dict]:
+def scaling(method: VisibilityCorrespondence, settings: Settings) -> list[dict[str, object]]:
     """Build times of one shape in ever more triangles."""
     rows = []
-    for cells in FINER[:2] if options.quick else FINER:
+    for cells in FINER:
         scene = jaxvis.load_scene(f"torus-on-plane:cells={cells},around={2 * cells}")
-        cost, count = sizes(scene, *built(scene, method, options))
+        cost, count = sizes(scene, *built(scene, method, settings))
         kept = ("triangles", "triples s", "ms/triangle")
         rows.append({name: cost[name] for name in kept} | {"% separate": count["% of faces"]})
     return rows
@@ -127,13 +143,13 @@ def sweep(
     surface: Surface,
     found: CorrespondingPolygons,
     method: VisibilityCorrespondence,
-    options: argparse.Namespace,
+    settings: Settings,
 ) -> list[dict[str, object]]:
     """A row for each zeta and for fragments: both methods, interleaved."""
-    truth = reference_image(scene, environment, surface, options.error)
+    truth = reference_image(scene, environment, surface, settings.error)
     covered = np.asarray(surface.coverage) > 0.0
     light = method.light(environment)
-    joint = {f"zeta {zeta:g}": replace(method, zeta=zeta) for zeta in options.zeta}
+    joint = {f"zeta {zeta:g}": replace(method, zeta=zeta) for zeta in settings.zeta}
     joint["fragment"] = replace(method, shading="fragment")
     rows = []
     for name, ours in joint.items():
@@ -147,7 +163,7 @@ def sweep(
         }
         decibels = {key: psnr(shade(), truth, covered) for key, shade in shades.items()}
         counts = {key: m.evaluations(v, light, surface) for key, (m, v) in pair.items()}
-        seconds = dict(zip(shades, best_of(options.repeats, *shades.values()), strict=True))
+        seconds = dict(zip(shades, best_of(settings.repeats, *shades.values()), strict=True))
         rows.append(
             {
                 "scene": scene.name,
@@ -171,8 +187,8 @@ def seams(
     light: PolygonLight,
     found: CorrespondingPolygons,
     method: VisibilityCorrespondence,
-) -> tuple[list[dict[str, object]], pd.Series]:
-    """Rows of what the sides differ by, and a histogram of the pixels' seams.
+) -> tuple[list[dict[str, object]], dict[str, object]]:
+    """Rows of what the sides differ by, and a row of the shares of edges by the pixels' seams.
 
     Pixels of ``vectorized`` have seams, too: where the mesh is bent, the planes of the faces clip
     the polygons differently. Without these planes only triples differ.
@@ -203,72 +219,45 @@ def seams(
     ends = 100.0 * np.array(BIN_ENDS)
     counts, _ = np.histogram(pixels, ends)
     labels = [f"{a:g} to {b:g} %" for a, b in pairwise(ends)]
-    return rows, pd.Series(counts / max(len(pixels), 1), labels, name=scene.name)
+    shares = zip(labels, counts / max(len(pixels), 1), strict=True)
+    return rows, {"scene": scene.name, **dict(shares)}
 
 
-def show(title: str, rows: list[dict]) -> None:
-    """Prints a table."""
-    table = pd.DataFrame(rows).to_string(index=False, float_format="{:.4g}".format)
-    print(f"\n{title}\n{table}", flush=True)
-
-
-def options_of_command_line() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    add = parser.add_argument
-    add("--scene", nargs="+", default=["duck", "utah-teapot", "bunny"])
-    add("--environment", default="stpeters")
-    add("--sweep", action="store_true", help="PSNR and frame times over zeta")
-    add("--seams", action="store_true", help="differences across inner edges")
-    add("--no-scaling", action="store_true", help="skip the ever finer meshes")
-    for name, options in (("construction", Construction), ("interpolation", Interpolation)):
-        default = getattr(VisibilityCorrespondence, name)
-        add(f"--{name}", default=default, choices=get_args(options), help="default: %(default)s")
-    add("--zeta", nargs="+", type=float, default=[0.0, 1.0, 2.0, 3.0, 4.0])
-    add("--size", nargs=2, type=int, default=[256, 256], metavar=("W", "H"))
-    add("--vectors", type=int, default=128)
-    add("--error", type=float, default=0.01, help="of the reference")
-    add("--repeats", type=int, default=5)
-    add("--own-materials", action="store_true", help="instead of white diffuse")
-    add("--quick", action="store_true", help="polygons from the cache, not timed; few meshes")
-    return parser.parse_args()
-
-
-def main() -> None:
-    options = options_of_command_line()
+def run(settings: Settings, output: Output) -> None:
+    """All scenes under one light."""
     method = VisibilityCorrespondence(
-        vectors=options.vectors,
-        construction=options.construction,
-        interpolation=options.interpolation,
+        vectors=settings.vectors,
+        construction=settings.construction,
+        interpolation=settings.interpolation,
     )
-    built(jaxvis.load_scene(SMALL), method, options)
+    built(jaxvis.load_scene(SMALL), method, settings)
     costs, counts, frames, edges, histograms = [], [], [], [], []
-    environment = jaxvis.load_environment(options.environment)
-    for name in options.scene:
+    environment = jaxvis.load_environment(settings.environment)
+    for name in settings.scene:
         scene = jaxvis.load_scene(name)
-        scene = scene if options.own_materials else white(scene)
-        found, seconds = built(scene, method, options)
+        scene = scene if settings.own_materials else white(scene)
+        found, seconds = built(scene, method, settings)
         cost, count = sizes(scene, found, seconds)
         costs.append(cost)
         counts.append(count)
-        surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), tuple(options.size))
-        if options.sweep:
-            frames += sweep(scene, environment, surface, found, method, options)
-        if options.seams:
+        surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), settings.size)
+        if settings.sweep:
+            frames += sweep(scene, environment, surface, found, method, settings)
+        if settings.seams:
             rows, histogram = seams(scene, surface, method.light(environment), found, method)
             edges += rows
             histograms.append(histogram)
-    print(f"{environment.name}, {options.size}, {method}")
-    show("Sizes and times", costs)
-    show("Counts", counts)
-    if not options.no_scaling:
-        show("Ever finer meshes", scaling(method, options))
-    if options.sweep:
-        show("Images", frames)
-    if options.seams:
-        show("Seams, of the image's mean irradiance", edges)
-        shares = pd.concat(histograms, axis=1).to_string(float_format="{:.4f}".format)
-        print(f"\nShare of edges\n{shares}")
+    output.say(f"{environment.name}, {settings.size[0]} x {settings.size[1]}, {method}")
+    output.table("sizes", "Sizes and times", costs)
+    output.table("counts", "Counts", counts)
+    if settings.scaling:
+        output.table("scaling", "Ever finer meshes", scaling(method, settings))
+    if settings.sweep:
+        output.table("images", "Images", frames)
+    if settings.seams:
+        output.table("seams", "Seams, of the image's mean irradiance", edges)
+        output.table("shares", "Share of edges, by the pixels' seams", histograms)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

@@ -1,25 +1,27 @@
-"""Light from one picture: recovers the spherical Gaussians of a light through ``shade``.
+"""Light from one picture: recovers the spherical Gaussians of a light through shade.
 
 A known scene is rendered under a few lobes by signed distance fields; from that image, the scene
 and the number of lobes alone, their axes, sharpnesses and colours are found again. The image is
 linear in the light's energy: of many directions, that whose image explains most of what is left
-gives the next lobe, and gradient descent (optax) through ``shade`` moves all that there are. What
-tells sharpnesses is the softness of shadows and highlights. --noise disturbs each pixel by as much.
+gives the next lobe, and gradient descent (optax) through shade moves all that there are. What
+tells sharpnesses is the softness of shadows and highlights.
 """
 
-import argparse
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-import pandas as pd
 from jaxtyping import Array, Float
 
 import jaxvis
+from experiments.measuring import Row
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.methods.distance_field.method import DistanceField
 from jaxvis.methods.distance_field.shade import shade_view, view_of
 from jaxvis.scene import Scene, Surface, trace_surface
@@ -31,9 +33,19 @@ Render = Callable[[SphericalGaussians], Float[Array, "height width 3"]]
 SHARPNESS = (2.0, 1000.0)
 """The range that is searched."""
 
-
 DARK = -20.0
 """Logarithm of the energy of a lobe that has not been added yet."""
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: str = setting("sphere-on-plane", "what is lit")
+    size: tuple[int, int] = setting((96, 72), "of the image", metavar=("W", "H"))
+    lobes: int = setting(3, "of the light")
+    steps: int = setting(300, "of descent for each lobe")
+    resolution: int = setting(64, "of the distance fields")
+    noise: float = setting(0.0, "standard deviation by which each pixel is disturbed, relative")
+    seed: int = setting(0, "of the lights and the noise")
 
 
 class Recovery(NamedTuple):
@@ -168,26 +180,28 @@ def _with_best(
     )
 
 
-def comparison(truth: SphericalGaussians, found: SphericalGaussians) -> pd.DataFrame:
-    """Each true lobe beside the recovered one whose axis is nearest."""
+def comparison(truth: SphericalGaussians, found: SphericalGaussians) -> list[Row]:
+    """Each true lobe beside the recovered one whose axis is nearest; energy is red, green, blue."""
     rows = []
     for k in range(len(truth.sharpness)):
         cosine = np.asarray(found.axis) @ np.asarray(truth.axis[k])
         j = int(np.argmax(cosine))
-        apart = np.linalg.norm(np.asarray(found.axis[j]) - np.asarray(truth.axis[k]))
-        energy, own = np.asarray(truth.integral()[k]), np.asarray(found.integral()[j])
-        rows.append(
-            {
-                "axis": np.round(np.asarray(truth.axis[k]), 3),
-                "recovered axis": np.round(np.asarray(found.axis[j]), 3),
-                "degrees apart": np.degrees(2.0 * np.arcsin(min(apart / 2.0, 1.0))),
-                "sharpness": float(truth.sharpness[k]),
-                "recovered": float(found.sharpness[j]),
-                "energy": np.round(energy, 3),
-                "recovered energy": np.round(own, 3),
-            }
-        )
-    return pd.DataFrame(rows)
+        axis, own_axis = np.asarray(truth.axis[k]), np.asarray(found.axis[j])
+        energy, own_energy = np.asarray(truth.integral()[k]), np.asarray(found.integral()[j])
+        apart = np.linalg.norm(own_axis - axis)
+        row: Row = {"lobe": k + 1}
+        row |= _parts("", "xyz", axis) | _parts("recovered ", "xyz", own_axis)
+        row["degrees apart"] = np.degrees(2.0 * np.arcsin(min(apart / 2.0, 1.0)))
+        row["sharpness"] = float(truth.sharpness[k])
+        row["recovered"] = float(found.sharpness[j])
+        row |= _parts("energy ", "rgb", energy) | _parts("recovered ", "rgb", own_energy)
+        rows.append(row)
+    return rows
+
+
+def _parts(prefix: str, names: str, values: Float[np.ndarray, "3"]) -> Row:
+    """A vector as three columns."""
+    return {prefix + name: float(value) for name, value in zip(names, values, strict=True)}
 
 
 def random_lights(count: int, seed: int) -> SphericalGaussians:
@@ -204,30 +218,21 @@ def random_lights(count: int, seed: int) -> SphericalGaussians:
     return from_energy(np.array(axes), sharpness, random.uniform(0.5, 3.0, (count, 3)))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="sphere-on-plane")
-    parser.add_argument("--size", type=int, nargs=2, default=[96, 72], metavar=("W", "H"))
-    parser.add_argument("--lobes", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=300, help="for each lobe")
-    parser.add_argument("--resolution", type=int, default=64, help="of the distance fields")
-    parser.add_argument("--noise", type=float, default=0.0, help="of each pixel, relative")
-    parser.add_argument("--seed", type=int, default=0, help="of the lights and the noise")
-    options = parser.parse_args()
-    scene = jaxvis.load_scene(options.scene)
-    render, _ = renderer(scene, tuple(options.size), options.resolution)
-    truth = random_lights(options.lobes, options.seed)
+def measure(settings: Settings, output: Output) -> None:
+    """Renders a picture under random lobes and recovers them from it."""
+    scene = jaxvis.load_scene(settings.scene)
+    render, _ = renderer(scene, settings.size, settings.resolution)
+    truth = random_lights(settings.lobes, settings.seed)
     image = render(truth)
-    random = np.random.default_rng(options.seed + 1)
-    image = image * jnp.asarray(1.0 + options.noise * random.normal(size=image.shape), jnp.float32)
+    random = np.random.default_rng(settings.seed + 1)
+    image = image * jnp.asarray(1.0 + settings.noise * random.normal(size=image.shape), jnp.float32)
     start = time.perf_counter()
-    recovery = recover(render, image, options.lobes, steps=options.steps)
-    print(comparison(truth, recovery.lobes).to_string(index=False, float_format="{:.4g}".format))
-    print(
-        f"error of the image {recovery.error:.3g} (at first {recovery.first_error:.3g}), "
-        f"{time.perf_counter() - start:.1f} s"
-    )
+    recovery = recover(render, image, settings.lobes, steps=settings.steps)
+    seconds = time.perf_counter() - start
+    output.table("lobes", "Recovered lobes", comparison(truth, recovery.lobes))
+    of = {"RMSE": recovery.error, "after the first lobe": recovery.first_error, "s": seconds}
+    output.table("image", "Error of the image, relative to its root mean square", [of])
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

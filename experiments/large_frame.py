@@ -3,29 +3,38 @@
 Renders one frame for each chunk size, each in a process of its own, so that peaks do not mix.
 """
 
-import argparse
 import hashlib
-import json
+import multiprocessing
 import resource
-import subprocess
-import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 
 import jax
 import numpy as np
-import pandas as pd
 
 import jaxvis
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 
 
-def render(options: argparse.Namespace, chunk: int) -> dict[str, object]:
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: str = setting("courtyard:triangles=200000", "what is lit")
+    environment: str = setting("windows", "what lights it")
+    size: tuple[int, int] = setting((1920, 1080), "of the frame", metavar=("W", "H"))
+    spp: int = setting(64, "samples a pixel")
+    chunks: tuple[int, ...] = setting((1 << 17, 1 << 20), "rays traced together")
+
+
+def render(settings: Settings, chunk: int) -> dict[str, object]:
     """One frame: its time, its hash, and the peak memory of this process so far."""
-    scene = jaxvis.load_scene(options.scene)
-    environment = jaxvis.load_environment(options.environment)
-    width, height = options.size
+    scene = jaxvis.load_scene(settings.scene)
+    environment = jaxvis.load_environment(settings.environment)
+    width, height = settings.size
     camera = jaxvis.default_camera(scene, aspect=width / height)
     surface = jaxvis.trace_surface(scene, camera, (width, height))
-    method = jaxvis.MonteCarlo("mis", options.spp, rays_per_chunk=chunk)
+    method = jaxvis.MonteCarlo("mis", settings.spp, rays_per_chunk=chunk)
     visibility, light = method.precompute(scene), method.light(environment)
     start = time.perf_counter()
     image = np.asarray(method.shade(visibility, light, surface, key=jax.random.key(0)))
@@ -38,29 +47,20 @@ def render(options: argparse.Namespace, chunk: int) -> dict[str, object]:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="courtyard:triangles=200000")
-    parser.add_argument("--environment", default="windows")
-    parser.add_argument("--size", nargs=2, type=int, default=[1920, 1080], metavar=("W", "H"))
-    parser.add_argument("--spp", type=int, default=64)
-    parser.add_argument("--chunks", nargs="+", type=int, default=[1 << 17, 1 << 20])
-    parser.add_argument("--only", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.only is not None:
-        print(json.dumps(render(options, options.only)))
-        return
-    rows = []
-    for chunk in options.chunks:
-        command = [sys.executable, "-m", "experiments.large_frame", *sys.argv[1:]]
-        output = subprocess.run(
-            [*command, "--only", str(chunk)], check=True, capture_output=True, text=True
-        ).stdout
-        rows.append(json.loads(output.splitlines()[-1]))
-    print(pd.DataFrame(rows).to_string(index=False, float_format="{:.3g}".format))
+def render_apart(settings: Settings, chunk: int) -> dict[str, object]:
+    """The same in a process of its own."""
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=1, mp_context=fresh) as process:
+        return process.submit(render, settings, chunk).result()
+
+
+def run(settings: Settings, output: Output) -> None:
+    """A frame for each chunk size."""
+    rows = [render_apart(settings, chunk) for chunk in settings.chunks]
+    output.table("chunks", "One frame in several chunk sizes", rows)
     same = len({row["sha256"] for row in rows}) == 1
-    print("the images are", "bit-identical" if same else "DIFFERENT")
+    output.say(f"The images are {'bit-identical' if same else 'DIFFERENT'}.")
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

@@ -95,20 +95,14 @@ ITEMS = (
         "000",
         "fig. 16",
         "PSNR and MSE over time beside Monte Carlo",
-        ("equal_time_vectorized", "peer_mitsuba"),
-        "only mc-mis and Mitsuba: not IDES, Lawrence's distributions, or the denoised ones",
+        ("equal_time --out DIR",),
     ),
-    Item(
-        "000",
-        "fig. 17",
-        "pictures beside Monte Carlo at equal time",
-        lacks="no script writes these pictures",
-    ),
+    Item("000", "fig. 17", "pictures beside Monte Carlo at equal time", ("equal_time --out DIR",)),
     Item(
         "000",
         "fig. 18",
         "pictures of MIS IDES at more and more samples",
-        lacks="no script writes these pictures",
+        ("equal_time --out DIR",),
     ),
     Item(
         "000",

@@ -4,20 +4,17 @@ First table: do the images agree? Mean ratio and RMSE over the pixels that are c
 beside the noise floor (what two renders with the noise of these would differ by). Second table:
 PSNR and seconds of both at 1 to 256 samples a pixel, each against its own converged image. A sample
 is one ray in jaxvis and two in Mitsuba, whose integrator traces one to the light and one by the
-BRDF. Writes the images and their difference as PNG to --out.
+BRDF. --out also writes the images and their difference.
 """
 
-import argparse
-import time
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import jax
 import numpy as np
-import pandas as pd
-from jaxtyping import Float
 
 import jaxvis
+from experiments.measuring import Image, Row, seconds_of
 from experiments.mitsuba_bridge import (
     MITSUBA_BSDFS,
     direct_integrator,
@@ -26,11 +23,24 @@ from experiments.mitsuba_bridge import (
     rough_metal,
     white_diffuse,
 )
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.image import display, psnr, write_image
 from jaxvis.methods import MonteCarlo, Reference
 from jaxvis.scene import Scene, Surface
 
-Image = Float[np.ndarray, "height width 3"]
+
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("teapot",), "what is lit")
+    environment: str = setting("windows", "what lights it")
+    size: tuple[int, int] = setting((256, 256), "of the images", metavar=("W", "H"))
+    spp: int = setting(1024, "samples a pixel for the agreement, per render")
+    renders: int = setting(4, "for the agreement")
+    materials: tuple[Literal["diffuse", "metal"], ...] = setting(
+        ("diffuse", "metal"), "one after another"
+    )
+    variant: str | None = setting(None, "of Mitsuba; llvm_ad_rgb if it works, else scalar_rgb")
 
 
 def ours(
@@ -88,14 +98,19 @@ def structure(difference: Image, noise: Image, mask: np.ndarray, block: int = 8)
 
 
 def agreement(
-    mi: Any, scene: Scene, options: argparse.Namespace, material: str
-) -> dict[str, object]:
+    mi: Any,
+    scene: Scene,
+    environment: jaxvis.Environment,
+    material: str,
+    settings: Settings,
+    output: Output,
+) -> Row:
     """One row of the first table; writes the pictures."""
-    environment, size = options.light, tuple(options.size)
+    size = settings.size
     camera = jaxvis.default_camera(scene)
     surface = jaxvis.trace_surface(scene, camera, size, supersampling=4)
     peer = mitsuba_scene(mi, scene, camera, environment, size, MITSUBA_BSDFS[material])
-    spp, renders = options.spp, options.renders
+    spp, renders = settings.spp, settings.renders
     a, a_error = ours(scene, environment, surface, max(2, spp // 16), renders)
     b, b_error = theirs(mi, peer, spp, renders)
     # Pixels that every ray of both covers, with normals that Mitsuba shades too.
@@ -111,8 +126,9 @@ def agreement(
         "difference-x10": 0.5 * white + 10.0 * np.where(inside[..., None], difference, 0.0),
     }
     for name, image in shown.items():
-        path = Path(options.out) / f"{scene.name}-{material}-{name}.png"
-        write_image(path, display(image, 1.0 / white))
+        path = output.path(f"{scene.name}-{material}-{name}.png")
+        if path is not None:
+            write_image(path, display(image, 1.0 / white))
     return {
         "scene": scene.name,
         "material": material,
@@ -127,10 +143,9 @@ def agreement(
 
 
 def race(
-    mi: Any, scene: Scene, options: argparse.Namespace, material: str
-) -> list[dict[str, object]]:
+    mi: Any, scene: Scene, environment: jaxvis.Environment, material: str, size: tuple[int, int]
+) -> list[Row]:
     """PSNR and seconds of both at each number of samples, taking turns."""
-    environment, size = options.light, tuple(options.size)
     camera = jaxvis.default_camera(scene)
     surface = jaxvis.trace_surface(scene, camera, size)
     peer = mitsuba_scene(mi, scene, camera, environment, size, MITSUBA_BSDFS[material])
@@ -150,49 +165,39 @@ def race(
         def render_theirs(spp=spp) -> np.ndarray:
             return np.array(mi.render(peer, integrator=integrator, spp=spp, seed=99))
 
-        row: dict[str, object] = {"scene": scene.name, "material": material, "spp": spp}
+        row: Row = {"scene": scene.name, "material": material, "spp": spp}
         for who, render, reference in (
             ("jaxvis", render_ours, np.asarray(ours_truth.image)),
             ("mitsuba", render_theirs, their_truth),
         ):
             image = render()  # compiles
-            seconds = []
-            for _ in range(3):
-                start = time.perf_counter()
-                render()
-                seconds.append(time.perf_counter() - start)
+            _, seconds = seconds_of(render, 3)
             row[f"{who} dB"] = psnr(image, reference, inside)
-            row[f"{who} s"] = float(np.median(seconds))
+            row[f"{who} s"] = seconds
         rows.append(row)
     return rows
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["teapot"])
-    parser.add_argument("--environment", default="windows")
-    parser.add_argument("--size", nargs=2, type=int, default=[256, 256], metavar=("W", "H"))
-    parser.add_argument("--spp", type=int, default=1024, help="for the agreement, per render")
-    parser.add_argument("--renders", type=int, default=4)
-    parser.add_argument("--materials", nargs="+", default=list(MITSUBA_BSDFS))
-    parser.add_argument("--variant", help="of Mitsuba; llvm_ad_rgb if it works, else scalar_rgb")
-    parser.add_argument("--out", default="jaxvis-out/peer_mitsuba")
-    options = parser.parse_args()
-    mi = load_mitsuba(options.variant)
-    options.light = jaxvis.load_environment(options.environment)
+def measure(settings: Settings, output: Output) -> None:
+    """Both tables, of every scene in every material."""
+    try:
+        mi = load_mitsuba(settings.variant)
+    except ImportError as error:
+        raise ValueError(str(error)) from error
+    environment = jaxvis.load_environment(settings.environment)
     agreements, races = [], []
-    for name in options.scene:
-        for material in options.materials:
-            plain = jaxvis.load_scene(name)
+    for name in settings.scene:
+        plain = jaxvis.load_scene(name)
+        for material in settings.materials:
             scene = white_diffuse(plain) if material == "diffuse" else rough_metal(plain)
-            agreements.append(agreement(mi, scene, options, material))
-            races += race(mi, scene, options, material)
-    print(f"Mitsuba {mi.__version__} ({mi.variant()}), {options.environment}, {options.size}")
-    for title, rows in {"Agreement": agreements, "PSNR and seconds": races}.items():
-        print(
-            f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}"
-        )
+            agreements.append(agreement(mi, scene, environment, material, settings, output))
+            races += race(mi, scene, environment, material, settings.size)
+    width, height = settings.size
+    variant = f"Mitsuba {mi.__version__} ({mi.variant()})"
+    output.say(f"{variant}, {settings.environment}, {width} x {height}")
+    output.table("agreement", "Agreement", agreements)
+    output.table("race", "PSNR and seconds", races)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

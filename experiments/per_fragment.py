@@ -1,30 +1,28 @@
 """Pictures with the light evaluated at every pixel (paper 000, figs. 12 and 15).
 
-Renders ``correspondence``, ``vectorized`` and, once there is one, ``distance-field`` per fragment,
-and prints their PSNR against the reference, evaluations and seconds. With --out it also writes the
-pictures and, for each scene, a figure: the whole images with the differences from the reference
-below them, and both again where the reference's strongest shadow boundaries are.
+Renders correspondence, vectorized and distance-field per fragment, and prints their PSNR against
+the reference, evaluations and seconds. With --out it also writes the pictures and, for each scene,
+a figure: the whole images, each beside its difference from the reference, and both again where the
+reference's strongest shadow boundaries are.
 """
 
-import argparse
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from jaxtyping import Bool
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from scipy.ndimage import binary_erosion, gaussian_filter, uniform_filter
 
 import jaxvis
-from experiments.speed_rays import best_of
-from experiments.zeta_sweep import Image, reference_image, white
-from jaxvis.image import display, displayed_error, psnr, write_image
-from jaxvis.image.tonemap import exposure_of
-from jaxvis.methods import create, names
+from experiments.crops import smooth_parts, strongest_boundaries
+from experiments.measuring import Image, best_of, reference_image, white, write_images
+from experiments.output import Output, Row
+from experiments.settings import Common, execute, setting
+from jaxvis.image import display, displayed_error, exposure_of, psnr
+from jaxvis.methods import create
 from jaxvis.report.figures import (
     ERROR_LABEL,
     ERROR_MAP,
@@ -42,20 +40,28 @@ METHODS = {
 }
 
 
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("duck", "teapot"), "what is lit")
+    environment: str = setting("stpeters", "what lights it")
+    size: tuple[int, int] = setting((256, 256), "of the images", metavar=("W", "H"))
+    vectors: int = setting(128, "most position vectors of a polygon")
+    error: float = setting(0.01, "standard error of the reference, relative to its mean")
+    repeats: int = setting(5, "rounds of timing")
+    own_materials: bool = setting(False, "instead of white diffuse")
+
+
 def render(
-    scene: Scene, environment: jaxvis.Environment, options: argparse.Namespace
+    scene: Scene, environment: jaxvis.Environment, settings: Settings
 ) -> tuple[list[dict[str, Any]], dict[str, Image], Surface]:
     """A row for each method, and the images, the reference's first."""
-    camera = jaxvis.default_camera(scene, aspect=options.size[0] / options.size[1])
-    surface = jaxvis.trace_surface(scene, camera, tuple(options.size))
+    camera = jaxvis.default_camera(scene, aspect=settings.size[0] / settings.size[1])
+    surface = jaxvis.trace_surface(scene, camera, settings.size)
     covered = np.asarray(surface.coverage) > 0.0
-    images = {"reference": reference_image(scene, environment, surface, options.error)}
+    images = {"reference": reference_image(scene, environment, surface, settings.error)}
     shades, rows = {}, []
     for name, spec in METHODS.items():
-        if name not in names():
-            print(f"{name}: there is no such method yet")
-            continue
-        method = create(spec.format(vectors=options.vectors))
+        method = create(spec.format(vectors=settings.vectors))
         visibility = method.precompute(scene, progress=False)
         light = method.light(environment)
         shades[name] = lambda m=method, v=visibility, l=light: np.asarray(m.shade(v, l, surface))
@@ -69,7 +75,7 @@ def render(
                 "MB": visibility.nbytes / 1e6,
             }
         )
-    for row, seconds in zip(rows, best_of(options.repeats, *shades.values()), strict=True):
+    for row, seconds in zip(rows, best_of(settings.repeats, *shades.values()), strict=True):
         row["frame s"] = seconds
     usual = next(row["frame s"] for row in rows if row["method"] == "vectorized")
     for row in rows:
@@ -77,45 +83,9 @@ def render(
     return rows, images, surface
 
 
-def smooth_parts(surface: Surface) -> Bool[np.ndarray, "height width"]:
-    """Pixels that do not lie where one body hides another, at a fold, or at the outline."""
-    shape = surface.mask.shape
-    position = np.asarray(surface.position).reshape(*shape, 3)
-    normal = np.asarray(surface.normal).reshape(*shape, 3)
-    smooth = np.asarray(surface.mask)
-    usual = 0.0
-    for axis in (0, 1):
-        step = np.linalg.norm(position - np.roll(position, 1, axis), axis=-1)
-        usual = usual or float(np.median(step[smooth]))
-        turned = np.sum(normal * np.roll(normal, 1, axis), axis=-1) < 0.9
-        smooth = smooth & ~turned & (step < 6.0 * usual)
-    return binary_erosion(smooth, iterations=3)
-
-
-def strongest_boundaries(
-    shown: Image, inside: Bool[np.ndarray, "height width"], side: int, count: int
-) -> list[tuple[int, int]]:
-    """First row and column of the squares with the most contrast, which do not overlap.
-
-    Contrast is the gradient of what is shown, slightly blurred, of the pixels inside.
-    """
-    blurred = gaussian_filter(shown.mean(axis=-1), 1.0)
-    down, right = np.gradient(blurred)
-    slope = np.where(inside, np.sqrt(down**2 + right**2), 0.0)
-    total = uniform_filter(slope, side, mode="constant")
-    height, width = inside.shape
-    found: list[tuple[int, int]] = []
-    for _ in range(count):
-        row, column = np.unravel_index(np.argmax(total), total.shape)
-        row = int(np.clip(row - side // 2, 0, height - side))
-        column = int(np.clip(column - side // 2, 0, width - side))
-        found.append((row, column))
-        near = side + side // 2
-        total[max(row - side // 2, 0) : row + near, max(column - side // 2, 0) : column + near] = 0
-    return found
-
-
-def figure(images: dict[str, Image], rows: list[dict], surface: Surface, exposure: float) -> Figure:
+def figure(
+    images: Mapping[str, Image], rows: Sequence[Row], surface: Surface, exposure: float
+) -> Figure:
     """A row for each image: all of it and two crops, each beside its difference."""
     reference, covered = images["reference"], np.asarray(surface.coverage) > 0.0
     height, width = covered.shape
@@ -148,40 +118,31 @@ def figure(images: dict[str, Image], rows: list[dict], surface: Surface, exposur
     return drawing
 
 
-def write(images: dict[str, Image], rows: list[dict], surface: Surface, folder: Path) -> None:
-    """Writes the pictures and the figure."""
-    folder.mkdir(parents=True, exist_ok=True)
+def write(
+    output: Output, name: str, images: Mapping[str, Image], rows: Sequence[Row], surface: Surface
+) -> None:
+    """Writes a scene's pictures and its figure, if files are wanted."""
     exposure = exposure_of(images["reference"], np.asarray(surface.coverage) > 0.0)
-    for name, image in images.items():
-        write_image(folder / f"{name}.png", display(image, exposure))
-    figure(images, rows, surface, exposure).savefig(
-        folder / "per_fragment.png", dpi=110, bbox_inches="tight"
-    )
+    write_images(output, name, images, exposure)
+    path = output.path(f"{name}/per_fragment.png")
+    if path is not None:
+        figure(images, rows, surface, exposure).savefig(path, dpi=110, bbox_inches="tight")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["duck", "teapot"])
-    parser.add_argument("--environment", default="stpeters")
-    parser.add_argument("--size", nargs=2, type=int, default=[256, 256], metavar=("W", "H"))
-    parser.add_argument("--vectors", type=int, default=128)
-    parser.add_argument("--error", type=float, default=0.01, help="of the reference")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--own-materials", action="store_true", help="instead of white diffuse")
-    parser.add_argument("--out", help="folder for the pictures and the figure")
-    options = parser.parse_args()
-    environment = jaxvis.load_environment(options.environment)
+def run(settings: Settings, output: Output) -> None:
+    """All scenes under one light."""
+    environment = jaxvis.load_environment(settings.environment)
     every = []
-    for name in options.scene:
+    for name in settings.scene:
         scene = jaxvis.load_scene(name)
-        scene = scene if options.own_materials else white(scene)
-        rows, images, surface = render(scene, environment, options)
+        scene = scene if settings.own_materials else white(scene)
+        rows, images, surface = render(scene, environment, settings)
         every += rows
-        if options.out:
-            write(images, rows, surface, Path(options.out) / scene.name)
-    print(f"{environment.name}, {options.size}, {options.vectors} vectors")
-    print(pd.DataFrame(every).to_string(index=False, float_format="{:.4g}".format))
+        write(output, scene.name, images, rows, surface)
+    size = f"{settings.size[0]} x {settings.size[1]}"
+    output.say(f"{environment.name}, {size}, {settings.vectors} vectors")
+    output.table("methods", "Per fragment", every)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

@@ -6,18 +6,17 @@ PSNR is under a real light probe, tessellated and per fragment, and tessellated 
 With --out it also writes the pictures and how they differ from the reference, five times enlarged.
 """
 
-import argparse
 import time
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float32
 
 import jaxvis
-from experiments.zeta_sweep import Image, reference_image, white
-from jaxvis.image import display, psnr, write_image
-from jaxvis.image.tonemap import exposure_of
+from experiments.measuring import Image, reference_image, white
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
+from jaxvis.image import display, exposure_of, psnr, write_image
 from jaxvis.methods.vectorized import (
     VectorizedVisibility,
     VisibilityCorrespondence,
@@ -30,6 +29,19 @@ from jaxvis.scene import Scene
 DIFFERENCE = 5.0
 """By which the differences of displayed images are enlarged, about a middle grey."""
 
+SCENES = ("wall", "sphere-on-plane", "box-on-plane", "torus-on-plane", "teapot", "duck")
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(SCENES, "what is lit")
+    environment: str = setting("stpeters", "what lights it")
+    refine: tuple[float, ...] = setting((0.05, 0.02), "error targets, as parts of pi")
+    growth: float = setting(4.0, "most bytes, in those of the vertices alone")
+    zeta: float = setting(3.0, "tessellation quality")
+    size: tuple[int, int] = setting((256, 256), "of the images", metavar=("W", "H"))
+    error: float = setting(0.003, "standard error of the reference, relative to its mean")
+
 
 def errors(at_probes: Float32[np.ndarray, "probes"]) -> dict[str, float]:
     """Columns about errors at probes."""
@@ -41,23 +53,23 @@ def errors(at_probes: Float32[np.ndarray, "probes"]) -> dict[str, float]:
 
 
 def rows_of(
-    scene: Scene, environment: jaxvis.Environment, options: argparse.Namespace
+    scene: Scene, environment: jaxvis.Environment, settings: Settings, output: Output
 ) -> list[dict[str, object]]:
     """A row for the vertices alone and for each target."""
-    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), tuple(options.size))
-    truth = reference_image(scene, environment, surface, options.error)
+    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), settings.size)
+    truth = reference_image(scene, environment, surface, settings.error)
     covered = np.asarray(surface.coverage) > 0.0
     exposure = exposure_of(truth, covered)
     methods = {
-        f"tessellated (zeta {options.zeta:g})": VectorizedVisibility(zeta=options.zeta),
+        f"tessellated (zeta {settings.zeta:g})": VectorizedVisibility(zeta=settings.zeta),
         "fragment": VectorizedVisibility(shading="fragment"),
     }
-    joint = VisibilityCorrespondence(zeta=options.zeta)
+    joint = VisibilityCorrespondence(zeta=settings.zeta)
     base = methods["fragment"].precompute(scene, progress=False)
     both = build_correspondence(base, scene.tracer)
     light = methods["fragment"].light(environment)
 
-    def row(refine: str, polygons: VisibilityPolygons) -> dict[str, object]:
+    def row(refine: float | None, polygons: VisibilityPolygons) -> dict[str, object]:
         columns: dict[str, object] = {
             "scene": scene.name,
             "refine": refine,
@@ -72,56 +84,46 @@ def rows_of(
         for name, method in methods.items():
             image = np.asarray(method.shade(polygons, light, surface))
             columns[f"PSNR {name}"] = psnr(image, truth, covered)
-            if options.out:
-                stem = Path(options.out) / f"{scene.name}-{refine}-{name.split()[0]}"
-                _write(image, truth, exposure, stem)
+            aim = "none" if refine is None else f"{refine:g}"
+            stem = f"{scene.name}-{aim}-{name.split()[0]}"
+            _write(output, stem, image, truth, exposure)
         return columns
 
-    rows = [row("none", base)]
-    for target in options.refine:
+    rows = [row(None, base)]
+    for target in settings.refine:
         start = time.perf_counter()
-        goal = Goal(target, options.growth)
+        goal = Goal(target, settings.growth)
         polygons, record = refine_polygons(scene, base, goal, progress=False)
         seconds = time.perf_counter() - start
         rows[0] |= errors(record.before)
         rows.append(
-            row(f"{target:g}", polygons)
+            row(target, polygons)
             | errors(record.after)
             | {"traced": record.traced, "met": record.met, "s": seconds}
         )
     return rows
 
 
-def _write(image: Image, truth: Image, exposure: float, stem: Path) -> None:
+def _write(output: Output, stem: str, image: Image, truth: Image, exposure: float) -> None:
+    """Writes a picture and its difference from the reference, if files are wanted."""
     shown, right = display(image, exposure), display(truth, exposure)
     difference = 0.5 + DIFFERENCE * (np.asarray(shown) - np.asarray(right))
-    write_image(stem.with_name(stem.name + ".png"), shown)
-    write_image(stem.with_name(stem.name + "-difference.png"), difference.clip(0.0, 1.0))
+    for name, picture in ((stem, shown), (f"{stem}-difference", difference.clip(0.0, 1.0))):
+        path = output.path(f"{name}.png")
+        if path is not None:
+            write_image(path, picture)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    scenes = ["wall", "sphere-on-plane", "box-on-plane", "torus-on-plane", "teapot", "duck"]
-    parser.add_argument("--scene", nargs="+", default=scenes)
-    parser.add_argument("--environment", default="stpeters")
-    parser.add_argument("--refine", nargs="+", type=float, default=[0.05, 0.02])
-    parser.add_argument("--growth", type=float, default=4.0)
-    parser.add_argument("--zeta", type=float, default=3.0)
-    parser.add_argument("--size", nargs=2, type=int, default=[256, 256], metavar=("W", "H"))
-    parser.add_argument("--error", type=float, default=0.003, help="of the reference")
-    parser.add_argument("--quick", action="store_true", help="the sphere at 128 x 128")
-    parser.add_argument("--out", help="folder for the pictures")
-    options = parser.parse_args()
-    if options.quick:
-        options.scene, options.size, options.error = ["sphere-on-plane"], [128, 128], 0.01
-    environment = jaxvis.load_environment(options.environment)
+def run(settings: Settings, output: Output) -> None:
+    """All scenes under one light."""
+    environment = jaxvis.load_environment(settings.environment)
     rows = []
-    for name in options.scene:
-        rows += rows_of(white(jaxvis.load_scene(name)), environment, options)
-    table = pd.DataFrame(rows)
-    print(f"{environment.name}, {options.size}, growth {options.growth:g}")
-    print(table.to_string(index=False, na_rep="", float_format="{:.4g}".format))
+    for name in settings.scene:
+        rows += rows_of(white(jaxvis.load_scene(name)), environment, settings, output)
+    size = f"{settings.size[0]} x {settings.size[1]}"
+    output.say(f"{environment.name}, {size}, growth {settings.growth:g}")
+    output.table("refinement", "Samples between the vertices, over the error target", rows)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

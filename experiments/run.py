@@ -5,6 +5,7 @@ Used by ``python -m experiments``.
 
 import argparse
 import datetime
+import json
 import os
 import shlex
 import subprocess
@@ -71,10 +72,13 @@ def _main(arguments: list[str], usage: str) -> int:
     parser.add_argument("--all", action="store_true")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--label")
     options, own = parser.parse_known_args(arguments[len(names) :])
     unknown = [name for name in names if name not in BY_NAME]
     if unknown:
         raise ValueError(specs.unknown(unknown[0], BY_NAME, "experiment"))
+    if options.label is not None and len(names) != 1:
+        raise ValueError("--label goes with one NAME: it says where its results are kept")
     if options.all and names:
         raise ValueError("--all runs everything: give names or --all, not both")
     if not {"-h", "--help"}.isdisjoint(own):
@@ -90,7 +94,14 @@ def _main(arguments: list[str], usage: str) -> int:
     if not names and not options.all and not options.quick:
         raise ValueError("nothing to run: give a NAME, --quick or --all")
     chosen = [BY_NAME[name] for name in dict.fromkeys(names)] or list(EXPERIMENTS)
-    outcomes = run_all(chosen, options.out, quick=options.quick, own=own, echo=len(chosen) == 1)
+    alone = len(chosen) == 1
+    outcomes = run_all(
+        *(chosen, options.out),
+        quick=options.quick,
+        own=own,
+        label=options.label,
+        echo=alone,
+    )
     return 1 if any(outcome.code for outcome in outcomes) else 0
 
 
@@ -112,16 +123,19 @@ def run_all(
     *,
     quick: bool,
     own: Sequence[str] = (),
+    label: str | None = None,
     echo: bool = False,
     command: Command | None = None,
 ) -> list[Outcome]:
-    """Runs experiments one after another, prints how each ended, and writes ``summary.md``.
+    """Runs experiments one after another, prints how each ended, and writes ``summary.md`` where
+    there are several.
 
     Args:
         experiments: what to run.
-        out: folder for ``NAME.md`` and pictures.
+        out: folder for ``NAME.md`` and ``NAME/`` with tables, pictures and ``run.json``.
         quick: at small sizes.
         own: arguments of the user's for the experiment.
+        label: stands for NAME in the names of files.
         echo: print what they print while they run.
         command: what starts a process; by default :func:`command_of`.
 
@@ -138,23 +152,22 @@ def run_all(
         if reason:
             outcome = Outcome(experiment.name, None, 0.0, reason)
         else:
-            outcome = _run(experiment, arguments_of(experiment, quick, own), out, echo, command)
+            kept = out / (label or experiment.name)
+            outcome = _run(experiment, arguments_of(experiment, quick, own), kept, echo, command)
         outcomes.append(outcome)
         if outcome.code != 0:
             print(f"    {_state(outcome)}: {outcome.note}", file=sys.stderr, flush=True)
-    _write(out / "summary.md", summary(outcomes))
+    if len(outcomes) > 1:
+        _write(out / "summary.md", summary(outcomes))
     print(f"\n{summary(outcomes)}\n{out}", flush=True)
     return outcomes
 
 
 def _run(
-    experiment: Experiment, arguments: list[str], out: Path, echo: bool, command: Command
+    experiment: Experiment, arguments: list[str], kept: Path, echo: bool, command: Command
 ) -> Outcome:
-    """Runs one experiment and writes its ``NAME.md``, also where it failed."""
-    pictures = (out / experiment.name).resolve()
-    words = [*command(experiment), *arguments]
-    if experiment.out:
-        words += ["--out", str(pictures)]
+    """Runs one experiment and writes ``kept.md``, also where it failed; the rest to ``kept/``."""
+    words = [*command(experiment), *arguments, "--out", str(kept.resolve())]
     environment = {**COMPILED_ONCE, **os.environ, "PYTHONUNBUFFERED": "1"}
     lines: list[str] = []
     start = time.perf_counter()
@@ -186,8 +199,24 @@ def _run(
         complaints = said.read().splitlines()
     note = next((line.strip() for line in reversed(complaints) if line.strip()), "")
     outcome = Outcome(experiment.name, code, seconds, note[:200] if code else "")
-    _write(out / f"{experiment.name}.md", page(experiment, arguments, outcome, lines, complaints))
+    _write(
+        kept.with_name(f"{kept.name}.md"), page(experiment, arguments, outcome, lines, complaints)
+    )
+    if code == 0:
+        kept.mkdir(exist_ok=True)
+        record = {"command": command_line(experiment, arguments), "seconds": round(seconds, 1)}
+        record |= {"date": today(), "machine": machine_in_words()}
+        _write(kept / "run.json", json.dumps(record, indent=2) + "\n")
     return outcome
+
+
+def command_line(experiment: Experiment, arguments: Sequence[str]) -> str:
+    """What a user types for this, but for where results go."""
+    return shlex.join(["python", "-m", f"experiments.{experiment.name}", *arguments])
+
+
+def today() -> str:
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
 
 
 def page(
@@ -198,14 +227,12 @@ def page(
     complaints: Sequence[str],
 ) -> str:
     """What an experiment printed, as Markdown, under what was run, where and when."""
-    said = shlex.join(["python", "-m", f"experiments.{experiment.name}", *arguments])
-    today = datetime.datetime.now(datetime.UTC).date().isoformat()
     shown = f" ({experiment.papers})" if experiment.papers else ""
     parts = [
         f"# {experiment.name}",
         f"{experiment.shows[:1].upper()}{experiment.shows[1:]}{shown}.",
-        f"`{said}`",
-        f"{outcome.seconds:.0f} s, {today}, {machine_in_words()}",
+        f"`{command_line(experiment, arguments)}`",
+        f"{outcome.seconds:.0f} s, {today()}, {machine_in_words()}",
     ]
     body = "\n".join(lines).strip("\n")
     # Tables for terminals keep their columns only in a fence.

@@ -1,27 +1,38 @@
 """How fast the spherical distance transforms are, beside SciPy's flat one and brute force.
 
-Prints a table: milliseconds a map, for random blobs and for what vertices of a built-in scene see,
-of one map and of many, and the largest errors against brute force. All take turns in one run.
-SciPy's transform is Euclidean on the texels' indices: another answer, on the same maps, one sign.
+Milliseconds a map, for random blobs and for what vertices of a built-in scene see, of one map and
+of many, and the largest errors against brute force. All take turns in one run. SciPy's transform is
+Euclidean on the texels' indices: another answer, on the same maps, one sign.
 """
 
-import argparse
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 import jaxvis
+from experiments.measuring import Row
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.scene import RayTracer, Scene
 from jaxvis.scene.rays import offset_origins
 from jaxvis.sphere.distance_host import signed_distances
 from jaxvis.sphere.distance_transform import distance_to, hemispherical_distance
 from jaxvis.sphere.frames import to_world
 from jaxvis.sphere.hemisphere_grid import texel_directions
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    resolution: tuple[int, ...] = setting((64, 128, 256), "texels along a side of a map")
+    scene: str = setting("courtyard", "whose vertices' maps are transformed")
+    maps: int = setting(128, "of 128 x 128; as many texels of all")
+    checked: int = setting(1, "maps compared with brute force")
+    repeats: int = setting(9, "of what is timed")
 
 
 def medians(repeats: int, functions: dict[str, Callable[[], object]]) -> dict[str, float]:
@@ -60,7 +71,7 @@ def traced(scene: Scene, count: int, size: int) -> np.ndarray:
         if len(maps) == count:
             break
     if not maps:
-        raise SystemExit(f"{scene.name}: no vertex is partly occluded; choose another scene")
+        raise ValueError(f"{scene.name}: no vertex is partly occluded; choose another scene")
     # A scene with few such vertices repeats them.
     return np.stack([maps[i % len(maps)] for i in range(count)])
 
@@ -82,7 +93,7 @@ def brute_force(seeds: np.ndarray) -> np.ndarray:
     return 2.0 * np.arctan2(np.linalg.norm(between, axis=-1), np.linalg.norm(beyond, axis=-1))
 
 
-def compare(name: str, maps: np.ndarray, repeats: int, checked: int) -> tuple[dict, dict]:
+def compare(name: str, maps: np.ndarray, repeats: int, checked: int) -> tuple[Row, Row]:
     """A row of times (ms a map) and one of errors (rad)."""
     on_device = jnp.asarray(maps)
     count, size = len(maps), maps.shape[-1]
@@ -119,31 +130,22 @@ def compare(name: str, maps: np.ndarray, repeats: int, checked: int) -> tuple[di
     return label | times | {"brute force ms": 1e3 * slow}, label | errors
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--resolution", nargs="+", type=int, default=[64, 128, 256], help="sizes n")
-    parser.add_argument("--scene", default="courtyard", help="whose vertices' maps are transformed")
-    parser.add_argument("--maps", type=int, default=128, help="of 128 x 128; as many texels of all")
-    parser.add_argument("--checked", type=int, default=1, help="maps compared with brute force")
-    parser.add_argument("--repeats", type=int, default=9)
-    options = parser.parse_args()
-    scene = jaxvis.load_scene(options.scene)
-    rows = []
-    for size in options.resolution:
-        count = max(options.checked, options.maps * 128**2 // size**2)
+def measure(settings: Settings, output: Output) -> None:
+    """Both tables."""
+    scene = jaxvis.load_scene(settings.scene)
+    times, errors = [], []
+    for size in settings.resolution:
+        count = max(settings.checked, settings.maps * 128**2 // size**2)
         for name, maps in {
             "blobs": blobs(count, size),
             scene.name: traced(scene, count, size),
         }.items():
-            rows.append(compare(name, maps, options.repeats, options.checked))
-    for title, table in zip(
-        ("Milliseconds a map (median)", "Largest error against brute force (rad)"),
-        zip(*rows, strict=True),
-        strict=True,
-    ):
-        frame = pd.DataFrame(list(table))
-        print(f"\n{title}\n{frame.to_string(index=False, float_format='{:.3g}'.format)}")
+            taken, apart = compare(name, maps, settings.repeats, settings.checked)
+            times.append(taken)
+            errors.append(apart)
+    output.table("times", "Milliseconds a map (median)", times)
+    output.table("errors", "Largest error against brute force (rad)", errors)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

@@ -4,18 +4,20 @@ Prints two tables: the throughput of jaxvis.scene.rays beside that of bare embre
 in as many threads, and, for each estimator, the share of a frame's time that is spent in Embree.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import jax
 import numpy as np
-import pandas as pd
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 import jaxvis
+from experiments.measuring import best_of
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis import methods
 from jaxvis.methods.traced import shading_points
 from jaxvis.sampling.hemisphere import sample_cosine
@@ -23,15 +25,14 @@ from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.sphere.frames import to_world
 
 
-def best_of(repeats: int, *functions: Callable[[], object]) -> list[float]:
-    """Shortest time of each function, taking turns so that all meet the same machine."""
-    best = [np.inf] * len(functions)
-    for _ in range(repeats):
-        for i, function in enumerate(functions):
-            start = time.perf_counter()
-            function()
-            best[i] = min(best[i], time.perf_counter() - start)
-    return best
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("courtyard:triangles=200000", "teapot"), "what is traced")
+    environment: str = setting("windows", "what lights it")
+    size: tuple[int, int] = setting((640, 480), "of the frames", metavar=("W", "H"))
+    spp: int = setting(64, "samples a pixel")
+    rays: int = setting(2_000_000, "rays of the throughput")
+    repeats: int = setting(5, "rounds of timing")
 
 
 def cosine_rays(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -122,27 +123,18 @@ def frame_shares(
     return rows
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["courtyard:triangles=200000", "teapot"])
-    parser.add_argument("--environment", default="windows")
-    parser.add_argument("--size", nargs=2, type=int, default=[640, 480], metavar=("W", "H"))
-    parser.add_argument("--spp", type=int, default=64)
-    parser.add_argument("--rays", type=int, default=2_000_000)
-    parser.add_argument("--repeats", type=int, default=5)
-    options = parser.parse_args()
-    environment = jaxvis.load_environment(options.environment)
+def run(settings: Settings, output: Output) -> None:
+    """All scenes under one light."""
+    environment = jaxvis.load_environment(settings.environment)
     rates, shares = [], []
-    for name in options.scene:
+    for name in settings.scene:
         scene = jaxvis.load_scene(name)
-        surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), tuple(options.size))
-        rates += throughput(scene, surface, options.rays, options.repeats)
-        shares += frame_shares(scene, environment, surface, options.spp, options.repeats)
-    for title, rows in {"Ray throughput": rates, "Share of a frame in Embree": shares}.items():
-        print(
-            f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.3g}'.format)}"
-        )
+        surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), settings.size)
+        rates += throughput(scene, surface, settings.rays, settings.repeats)
+        shares += frame_shares(scene, environment, surface, settings.spp, settings.repeats)
+    output.table("throughput", "Ray throughput", rates)
+    output.table("shares", "Share of a frame in Embree", shares)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

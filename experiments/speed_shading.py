@@ -7,24 +7,25 @@ needs, and rows x polygons a second over the rate of random rows. Targets: a sha
 80,000 polygons a second for the fastest.
 """
 
-import argparse
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from jaxtyping import Array, Int
 
 import jaxvis
-from experiments.speed_rays import best_of
+from experiments.measuring import best_of
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from experiments.vertex_irradiance import polygons_at
 from jaxvis.methods.vectorized import VisibilityPolygons
 from jaxvis.methods.vectorized.evaluation import LOOKUPS_PER_CHUNK, THREADS, References, Sites
 from jaxvis.methods.vectorized.irradiance import Quadrature, irradiance, irradiance_lookups
 from jaxvis.methods.vectorized.light import PolygonLight, polygon_light
 from jaxvis.methods.vectorized.plan import corner_sites
-from jaxvis.methods.vectorized.precompute import Settings
+from jaxvis.methods.vectorized.precompute import Settings as PolygonSettings
 from jaxvis.sphere.contours import ContourTable
 
 QUADRATURES = (
@@ -35,6 +36,15 @@ QUADRATURES = (
     Quadrature("vsat", 1, "nearest"),
     Quadrature("vsat", 1, "bilinear"),
 )
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: str = setting("teapot", "whose polygons are taken")
+    environment: str = setting("stpeters", "what is integrated over them")
+    vectors: int = setting(128, "most position vectors of a polygon")
+    polygons: int = setting(16384, "polygons that are evaluated")
+    repeats: int = setting(7, "rounds of timing")
 
 
 @jax.jit
@@ -77,22 +87,17 @@ def full_sites(visibility: VisibilityPolygons, count: int) -> Sites:
     """``count`` sites whose polygons count as long as the capacity, again and again."""
     full = np.flatnonzero(np.asarray(visibility.counts) > 0.75 * visibility.capacity)
     if not len(full):
-        raise SystemExit("no polygon has enough vectors: use a scene with more occlusion")
+        raise ValueError("no polygon has enough vectors: use a scene with more occlusion")
     return corner_sites(visibility, np.resize(full, count).astype(np.int32))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="teapot")
-    parser.add_argument("--environment", default="stpeters")
-    parser.add_argument("--vectors", type=int, default=128)
-    parser.add_argument("--polygons", type=int, default=16384)
-    parser.add_argument("--repeats", type=int, default=7)
-    options = parser.parse_args()
-    environment = jaxvis.load_environment(options.environment)
-    scene = jaxvis.load_scene(options.scene)
-    visibility = polygons_at(scene, 2048, Settings(vectors=options.vectors)).visibility
-    sites = full_sites(visibility, options.polygons)
+def run(settings: Settings, output: Output) -> None:
+    """Rates of fetching, and of every integration."""
+    environment = jaxvis.load_environment(settings.environment)
+    scene = jaxvis.load_scene(settings.scene)
+    fine = PolygonSettings(vectors=settings.vectors)
+    visibility = polygons_at(scene, 2048, fine).visibility
+    sites = full_sites(visibility, settings.polygons)
     lights = {
         lookup: polygon_light(environment, lookup=lookup) for lookup in ("nearest", "bilinear")
     }
@@ -107,9 +112,9 @@ def main() -> None:
     for quadrature in QUADRATURES:
         evaluate(quadrature)  # compiles
     gather_rates(table, {"random": random}, 1)
-    rates = gather_rates(table, {"random": random, "own": own}, options.repeats)
-    seconds = best_of(options.repeats, *(lambda q=q: evaluate(q) for q in QUADRATURES))
-    again = gather_rates(table, {"random": random, "own": own}, options.repeats)
+    rates = gather_rates(table, {"random": random, "own": own}, settings.repeats)
+    seconds = best_of(settings.repeats, *(lambda q=q: evaluate(q) for q in QUADRATURES))
+    again = gather_rates(table, {"random": random, "own": own}, settings.repeats)
     raw = {name: max(rates[name], again[name]) for name in rates}
     rows = []
     for quadrature, duration in zip(QUADRATURES, seconds, strict=True):
@@ -127,12 +132,14 @@ def main() -> None:
                 "share of own": rate * needed / raw["own"],
             }
         )
-    print(f"{scene.name}, {environment.name}, table {table.corners.shape}, {THREADS} threads")
-    print(f"{own.shape[1]} rows a call, {len(sites.polygon)} polygons of {visibility.capacity}")
-    print("\nRows fetched, million a second")
-    print(pd.Series({name: rate / 1e6 for name, rate in raw.items()}).to_string())
-    print(f"\nIntegrals\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.3g}'.format)}")
+    output.say(
+        f"{scene.name}, {environment.name}, table {table.corners.shape}, {THREADS} threads, "
+        f"{own.shape[1]} rows a call, {len(sites.polygon)} polygons of {visibility.capacity}"
+    )
+    fetched = [{"rows": name, "M rows/s": rate / 1e6} for name, rate in raw.items()]
+    output.table("fetched", "Rows fetched", fetched)
+    output.table("integrals", "Integrals", rows)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

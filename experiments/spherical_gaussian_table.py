@@ -6,18 +6,21 @@ cells (eq. 5). Lights fitted by few lobes (eq. 2). Lights as the lobes of an ada
 error of shadowed irradiance on random masks. Specular lobes against the exact models.
 """
 
-import argparse
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 import scipy.ndimage
 from jaxtyping import Array, Bool, Float
 
 import jaxvis
+from experiments.measuring import Row
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.lighting import Environment, cell_gaussians, fit_gaussians
 from jaxvis.lighting.gaussians import LUMINANCE
 from jaxvis.reflectance import (
@@ -33,6 +36,17 @@ from jaxvis.sphere.distance_transform import hemispherical_distance
 from jaxvis.sphere.gaussians import visible_share
 
 SIZE = 128
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    environment: tuple[str, ...] = setting(("windows", "sky", "stpeters"), "lights that are fitted")
+    rows: int = setting(128, "of the environments")
+    lobes: tuple[int, ...] = setting((8, 16, 32, 64), "fitted")
+    steps: int = setting(2000, "of the fit")
+    cells: tuple[int, ...] = setting((64, 128, 256, 512, 1024), "of an adaptive partition")
+    masks: int = setting(24, "random ones")
+    roughness: tuple[float, ...] = setting((0.2, 0.4, 0.6, 0.8), "of specular lobes")
 
 
 def random_masks(count: int, seed: int = 0) -> Bool[np.ndarray, "masks n n"]:
@@ -70,7 +84,7 @@ def _lobes(axes: Array, sharpness: float, directions: Array) -> Array:
     return jnp.exp(sharpness * (directions @ axes.T - 1.0))
 
 
-def visibility_table(masks: int) -> pd.DataFrame:
+def visibility_table(masks: int) -> list[Row]:
     """Mean errors (the half-space's largest, too) in percent of the lobe's integral."""
     visible, axes = random_masks(masks), jnp.asarray(upper_directions(32))
     distances = hemispherical_distance(jnp.asarray(visible))
@@ -90,10 +104,10 @@ def visibility_table(masks: int) -> pd.DataFrame:
                 found = by_cells(distances, axes, sharpness, f"{name}_integral", cells)
                 row[f"{name} {cells}"] = 100.0 * np.abs(found - exact).mean() / whole
         rows.append(row)
-    return pd.DataFrame(rows)
+    return rows
 
 
-def fit_table(environments: list[Environment], counts: list[int], steps: int) -> pd.DataFrame:
+def fit_table(environments: list[Environment], counts: Sequence[int], steps: int) -> list[Row]:
     """Residuals over the number of lobes; seconds where the fit did not come from the cache."""
     rows = []
     for environment in environments:
@@ -110,10 +124,10 @@ def fit_table(environments: list[Environment], counts: list[int], steps: int) ->
                     "s": time.perf_counter() - start,
                 }
             )
-    return pd.DataFrame(rows)
+    return rows
 
 
-def cell_table(environments: list[Environment], counts: list[int], masks: int) -> pd.DataFrame:
+def cell_table(environments: list[Environment], counts: Sequence[int], masks: int) -> list[Row]:
     """Errors of irradiance behind random masks, in percent of its root mean square."""
     visible = random_masks(masks, seed=2)
     distances = hemispherical_distance(jnp.asarray(visible))
@@ -145,7 +159,7 @@ def cell_table(environments: list[Environment], counts: list[int], masks: int) -
                     "s": seconds,
                 }
             )
-    return pd.DataFrame(rows)
+    return rows
 
 
 def shadowed(environment: Environment, turn: np.ndarray, mask: np.ndarray) -> float:
@@ -159,7 +173,7 @@ def shadowed(environment: Environment, turn: np.ndarray, mask: np.ndarray) -> fl
     return float(np.sum(light * angles * mask[row, column] * np.maximum(local[..., 2], 0.0)))
 
 
-def lobe_table(roughnesses: list[float]) -> pd.DataFrame:
+def lobe_table(roughnesses: Sequence[float]) -> list[Row]:
     """Energy and shape of specular lobes against the exact models, in percent."""
     models: dict[str, Reflectance] = {
         "Phong": Phong(),
@@ -170,12 +184,12 @@ def lobe_table(roughnesses: list[float]) -> pd.DataFrame:
     rows = []
     for name, model in models.items():
         for roughness in roughnesses:
-            row: dict[str, object] = {"model": name, "roughness": roughness}
+            row: Row = {"model": name, "roughness": roughness}
             for degrees in (0, 30, 60, 75):
                 energy, shape = lobe_errors(model, roughness, degrees)
                 row[f"energy {degrees}"], row[f"shape {degrees}"] = energy, shape
             rows.append(row)
-    return pd.DataFrame(rows)
+    return rows
 
 
 def lobe_errors(model: Reflectance, roughness: float, degrees: float) -> tuple[float, float]:
@@ -209,33 +223,26 @@ def _evaluate(
     return model.evaluate(material, normal, view, light)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--environment", nargs="+", default=["windows", "sky", "stpeters"])
-    parser.add_argument("--rows", type=int, default=128, help="of the environments")
-    parser.add_argument("--lobes", type=int, nargs="+", default=[8, 16, 32, 64], help="fitted")
-    parser.add_argument("--steps", type=int, default=2000, help="of the fit")
-    parser.add_argument("--cells", type=int, nargs="+", default=[64, 128, 256, 512, 1024])
-    parser.add_argument("--masks", type=int, default=24, help="random ones")
-    parser.add_argument("--roughness", type=float, nargs="+", default=[0.2, 0.4, 0.6, 0.8])
-    parser.add_argument("--quick", action="store_true", help="little of each table")
-    options = parser.parse_args()
-    if options.quick:
-        options.environment, options.rows, options.masks = ["windows"], 32, 4
-        options.lobes, options.steps, options.cells = [8, 16], 100, [64, 256]
-        options.roughness = [0.4]
-    environments = [jaxvis.load_environment(e).resize(options.rows) for e in options.environment]
-    tables = {
-        "Visible part of lobes: mean error in % of the lobe": visibility_table(options.masks),
-        "Fitted lobes": fit_table(environments, options.lobes, options.steps),
-        "Lobes of cells: shadowed irradiance": cell_table(
-            environments, options.cells, options.masks
-        ),
-        "Specular lobes: errors in %, view at 0 to 75 degrees": lobe_table(options.roughness),
-    }
-    for title, table in tables.items():
-        print(f"\n{title}\n{table.to_string(index=False, float_format='{:.4g}'.format)}")
+def measure(settings: Settings, output: Output) -> None:
+    """All four tables."""
+    environments = [jaxvis.load_environment(e).resize(settings.rows) for e in settings.environment]
+    output.table(
+        "visibility",
+        "Visible part of lobes: mean error in % of the lobe",
+        visibility_table(settings.masks),
+    )
+    output.table("fits", "Fitted lobes", fit_table(environments, settings.lobes, settings.steps))
+    output.table(
+        "cells",
+        "Lobes of cells: shadowed irradiance",
+        cell_table(environments, settings.cells, settings.masks),
+    )
+    output.table(
+        "specular",
+        "Specular lobes: errors in %, view at 0 to 75 degrees",
+        lobe_table(settings.roughness),
+    )
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

@@ -9,21 +9,37 @@ vsat at 5.8, and what the fitted alpha' adds, against the image of the finely cu
 (integration alone) and against brute force (everything).
 """
 
-import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 
 import jaxvis
-from experiments.zeta_sweep import reference_image, white
+from experiments.measuring import reference_image, white
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.image import psnr
 from jaxvis.methods.vectorized import VectorizedVisibility, VisibilityPolygons, tuning
 from jaxvis.methods.vectorized.light import PolygonLight
 from jaxvis.scene import Scene
+from jaxvis.sphere.contours import Lookup
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("duck", "teapot"), "whose polygons it is fitted to")
+    environment: tuple[str, ...] = setting(("stpeters", "windows"), "what lights them, in turn")
+    rows: tuple[int, ...] = setting((64, 256), "of the environment")
+    vectors: tuple[int, ...] = setting((16, 32, 64, 128), "most position vectors of a polygon")
+    lookup: Lookup = setting("nearest", "in the table of the light")
+    polygons: int = setting(256, "that it is fitted to")
+    steps: int = setting(40, "of the descent")
+    seed: int = setting(0, "of the choice of polygons")
+    images: bool = setting(False, "and what images gain")
+    size: tuple[int, int] = setting((192, 192), "of the images", metavar=("W", "H"))
+    error: float = setting(0.01, "standard error of the images' reference, relative to its mean")
 
 
 def mean_edge(visibility: VisibilityPolygons) -> float:
@@ -39,22 +55,22 @@ def image_gain(
     environment: jaxvis.Environment,
     visibility: VisibilityPolygons,
     lights: tuple[PolygonLight, PolygonLight],
-    options: argparse.Namespace,
+    settings: Settings,
 ) -> dict[str, object]:
     """PSNR of the first light's image, and the second one's gain."""
-    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), tuple(options.size))
+    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), settings.size)
     covered = np.asarray(surface.coverage) > 0.0
     method = VectorizedVisibility(
         vectors=visibility.capacity,
         shading="fragment",
         integration="vsat",
-        lookup=options.lookup,
+        lookup=settings.lookup,
     )
     before, after = (np.asarray(method.shade(visibility, light, surface)) for light in lights)
     fine = replace(method, integration="split", pieces=8, lookup="bilinear")
     targets = {
         "integration": np.asarray(fine.shade(visibility, fine.light(environment), surface)),
-        "image": reference_image(scene, environment, surface, options.error),
+        "image": reference_image(scene, environment, surface, settings.error),
     }
     row: dict[str, object] = {}
     for name, target in targets.items():
@@ -65,21 +81,21 @@ def image_gain(
 
 
 def tune(
-    scene: Scene, environment: jaxvis.Environment, vectors: int, options: argparse.Namespace
+    scene: Scene, environment: jaxvis.Environment, vectors: int, settings: Settings
 ) -> dict[str, object]:
     """One row."""
-    method = VectorizedVisibility(vectors=vectors, lookup=options.lookup, sharpness="paper")
+    method = VectorizedVisibility(vectors=vectors, lookup=settings.lookup, sharpness="paper")
     visibility, light = method.precompute(scene, progress=False), method.light(environment)
-    key = jax.random.key(options.seed)
+    key = jax.random.key(settings.seed)
     one, scaled = (
         tuning.fit_sharpness(
             visibility,
             light,
             key,
             scaled=scaled,
-            polygons=options.polygons,
-            steps=options.steps,
-            lookup=options.lookup,
+            polygons=settings.polygons,
+            steps=settings.steps,
+            lookup=settings.lookup,
         )
         for scaled in (False, True)
     )
@@ -96,37 +112,24 @@ def tune(
         "fitted /edge": 100.0 * scaled.error_after,
         "alpha' (/edge)": scaled.sharpness,
     }
-    if options.images:
+    if settings.images:
         lights = (light, tuning.tuned(light, one))
-        row |= image_gain(scene, environment, visibility, lights, options)
+        row |= image_gain(scene, environment, visibility, lights, settings)
     return row
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["duck", "teapot"])
-    parser.add_argument("--environment", nargs="+", default=["stpeters", "windows"])
-    parser.add_argument("--rows", nargs="+", type=int, default=[64, 256])
-    parser.add_argument("--vectors", nargs="+", type=int, default=[16, 32, 64, 128])
-    parser.add_argument("--lookup", choices=["nearest", "bilinear"], default="nearest")
-    parser.add_argument("--polygons", type=int, default=256)
-    parser.add_argument("--steps", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=0, help="of the choice of polygons")
-    parser.add_argument("--images", action="store_true", help="and what images gain")
-    parser.add_argument("--size", nargs=2, type=int, default=[192, 192], metavar=("W", "H"))
-    parser.add_argument("--error", type=float, default=0.01, help="of the images' reference")
-    parser.add_argument("--quick", action="store_true", help="teapot, windows, 256 rows")
-    options = parser.parse_args()
-    if options.quick:
-        options.scene, options.environment, options.rows = ["teapot"], ["windows"], [256]
+def run(settings: Settings, output: Output) -> None:
+    """All scenes, lights, resolutions and budgets."""
     rows = []
-    for name in options.scene:
+    for name in settings.scene:
         scene = white(jaxvis.load_scene(name))
-        for light, height, vectors in product(options.environment, options.rows, options.vectors):
+        for light, height, vectors in product(
+            settings.environment, settings.rows, settings.vectors
+        ):
             environment = jaxvis.load_environment(light).resize(height)
-            rows.append(tune(scene, environment, vectors, options))
-    print(pd.DataFrame(rows).to_string(index=False, float_format="{:.4g}".format))
+            rows.append(tune(scene, environment, vectors, settings))
+    output.table("sharpness", "Errors in per cent, by the sharpness of beta", rows)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

@@ -8,32 +8,46 @@ has the time and size of the precomputation. Targets: 45 dB, 5e-4 pi under the s
 of the oracle, 5 ms and 2.1 KB a vertex.
 """
 
-import argparse
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from jaxtyping import Float, Int
 
 import jaxvis
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from jaxvis.methods.reference import texel_lights
 from jaxvis.methods.vectorized import VisibilityPolygons, tuning
 from jaxvis.methods.vectorized.irradiance import Quadrature, irradiance
 from jaxvis.methods.vectorized.light import PolygonLight, polygon_light
 from jaxvis.methods.vectorized.plan import corner_sites
-from jaxvis.methods.vectorized.precompute import Settings, trace_polygons
+from jaxvis.methods.vectorized.precompute import Settings as PolygonSettings
+from jaxvis.methods.vectorized.precompute import trace_polygons
 from jaxvis.methods.vertices import VertexSamples, vertex_samples
 from jaxvis.scene import Scene
-from jaxvis.sphere import latlong
 from jaxvis.sphere.contours import Lookup
 from jaxvis.sphere.polygons import uniform_irradiance
 
 BATCH = 8
 """Vertices whose rays are traced together."""
+
+_PER_VERTEX = ("positions", "normals", "origins", "dips")
+"""The fields of samples that have a row for each vertex."""
+
+
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("duck", "teapot", "sponza"), "whose vertices are lit")
+    environment: str = setting("stpeters", "what lights them")
+    rows: int = setting(128, "of the environment, for both")
+    subdivision: int = setting(2, "squared: rays a texel")
+    vertices: int = setting(1000, "random ones")
+    vectors: int = setting(PolygonSettings().vectors, "most position vectors of a polygon")
+    polygons: int = setting(256, "that sharpness is fitted to")
 
 
 class Polygons(NamedTuple):
@@ -44,16 +58,16 @@ class Polygons(NamedTuple):
     seconds: float
 
 
-def polygons_at(scene: Scene, count: int | None, settings: Settings, seed: int = 0) -> Polygons:
+def polygons_at(
+    scene: Scene, count: int | None, settings: PolygonSettings, seed: int = 0
+) -> Polygons:
     """Polygons at ``count`` random vertices, or at all; the tree of the tracer is built before."""
     samples = vertex_samples(scene)
     total = len(samples.positions)
     chosen = np.arange(total)
     if count is not None and count < total:
         chosen = np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
-    some = samples._replace(
-        **{name: getattr(samples, name)[chosen] for name in _PER_VERTEX if hasattr(samples, name)}
-    )
+    some = samples._replace(**{name: getattr(samples, name)[chosen] for name in _PER_VERTEX})
     tracer, corners = scene.tracer, scene.positions[scene.triangles]
     start = time.perf_counter()
     vectors, counts = trace_polygons(
@@ -76,9 +90,6 @@ def polygons_at(scene: Scene, count: int | None, settings: Settings, seed: int =
         buried=jnp.zeros(len(counts), bool),
     )
     return Polygons(some, visibility, seconds)
-
-
-_PER_VERTEX = ("positions", "normals", "origins", "dips")
 
 
 def brute_force(
@@ -156,14 +167,14 @@ def integrations(
 
 
 def compare(
-    scene: Scene, environment: jaxvis.Environment, options: argparse.Namespace
+    scene: Scene, environment: jaxvis.Environment, settings: Settings
 ) -> tuple[list[dict[str, object]], dict[str, object]]:
     """The rows of the first table and the one of the second."""
-    settings = Settings(vectors=options.vectors)
-    polygons_at(scene, 256, settings)  # starts the threads
-    samples, visibility, seconds = polygons_at(scene, options.vertices, settings)
-    reference, sky = brute_force(scene, samples, environment, options.subdivision)
-    results = integrations(visibility, environment, options.polygons)
+    fine = PolygonSettings(vectors=settings.vectors)
+    polygons_at(scene, 256, fine)  # starts the threads
+    samples, visibility, seconds = polygons_at(scene, settings.vertices, fine)
+    reference, sky = brute_force(scene, samples, environment, settings.subdivision)
+    results = integrations(visibility, environment, settings.polygons)
     oracle = decibels(results["oracle"], reference)
     rows = []
     for name, values in results.items():
@@ -198,32 +209,20 @@ def compare(
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["duck", "teapot", "sponza"])
-    parser.add_argument("--environment", default="stpeters")
-    parser.add_argument("--rows", type=int, default=128, help="of the environment, for both")
-    parser.add_argument("--subdivision", type=int, default=2, help="squared: rays a texel")
-    parser.add_argument("--vertices", type=int, default=1000, help="random ones")
-    parser.add_argument("--vectors", type=int, default=Settings().vectors)
-    parser.add_argument("--polygons", type=int, default=256, help="that sharpness is fitted to")
-    parser.add_argument("--quick", action="store_true", help="256 vertices of the teapot")
-    options = parser.parse_args()
-    if options.quick:
-        options.scene, options.vertices = ["teapot"], 256
-    environment = jaxvis.load_environment(options.environment).resize(options.rows)
+def run(settings: Settings, output: Output) -> None:
+    """All scenes under one light."""
+    environment = jaxvis.load_environment(settings.environment).resize(settings.rows)
     irradiances, costs = [], []
-    for name in options.scene:
-        rows, cost = compare(jaxvis.load_scene(name), environment, options)
+    for name in settings.scene:
+        rows, cost = compare(jaxvis.load_scene(name), environment, settings)
         irradiances += rows
         costs.append(cost)
-    rays = latlong.row_solid_angles(options.rows, 2 * options.rows).size * 2 * options.rows
-    print(f"{rays * options.subdivision**2} directions in the sphere, {options.vectors} vectors")
-    for title, rows in {"Irradiance at vertices": irradiances, "Polygons": costs}.items():
-        print(
-            f"\n{title}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}"
-        )
+    texels = environment.radiance[..., 0].size
+    directions = texels * settings.subdivision**2
+    output.say(f"{directions} directions in the sphere, {settings.vectors} vectors")
+    output.table("irradiance", "Irradiance at vertices", irradiances)
+    output.table("polygons", "Polygons", costs)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

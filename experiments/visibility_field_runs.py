@@ -16,9 +16,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 import jaxvis
+from experiments.measuring import Image, Row
 from jaxvis.image import display, write_image
 from jaxvis.image.metrics import relative_rmse
 from jaxvis.image.tonemap import exposure_of
@@ -31,9 +32,6 @@ from jaxvis.reflectance import Lambert
 from jaxvis.sampling import hammersley
 from jaxvis.sampling.hemisphere import sample_uniform
 from jaxvis.scene import Camera, Scene, Surface
-
-Image = Float[np.ndarray, "height width 3"]
-Row = dict[str, Any]
 
 PAPER: Row = {"labels": "paper", "conservative": False, "sampling": "random", "dilation": "full"}
 """What makes the method the paper's."""

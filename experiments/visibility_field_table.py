@@ -14,21 +14,20 @@ precomputation 1.25 times as long as tracing its rays alone, in 2 GiB; all-frequ
 standard errors.
 """
 
-import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import jax
 import numpy as np
 
 import jaxvis
-from experiments.correspondence_table import show
+from experiments.measuring import Row
+from experiments.output import Output
+from experiments.settings import Common, execute, setting
 from experiments.visibility_field_runs import (
     PAPER,
     SPONZA_CELL,
-    SPONZA_VIEWS,
-    Row,
     View,
     compare,
     edge_of,
@@ -40,6 +39,7 @@ from experiments.visibility_field_runs import (
     settings_of,
     views_of,
 )
+from jaxvis.compare import file_stem
 from jaxvis.methods import Reference
 from jaxvis.methods.visibility_field.masks import labels as occlusion_labels
 from jaxvis.methods.visibility_field.method import CELLS_ALONG_DIAGONAL
@@ -60,28 +60,65 @@ LABELS = ("four-state", "balanced", "paper", "visible")
 ALL_FREQUENCY = ("windows", "stpeters")
 
 
-def base_method(scene: Scene, options: argparse.Namespace) -> jaxvis.VisibilityField:
-    """The field of the command line."""
-    cell = options.cell
-    if cell is None:
-        usual = scene.diagonal / CELLS_ALONG_DIAGONAL
-        cell = SPONZA_CELL if scene.name == "sponza" else usual
-    settings = PAPER if options.paper else {}
-    return jaxvis.VisibilityField(
-        cell=cell, masks=options.masks, samples=options.samples, spp=options.spp, **settings
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("sponza",), "what is lit")
+    environment: str = setting("uffizi", "what lights it")
+    view: tuple[Literal["default", "upper", "floor", "roof"], ...] = setting(
+        ("default",), "cameras; all but default are Sponza's"
+    )
+    size: tuple[int, int] = setting((640, 480), "of the images", metavar=("W", "H"))
+    cell: float | None = setting(
+        None, "edge of the cells; default: 50 in Sponza, elsewhere the method's own"
+    )
+    masks: int = setting(jaxvis.VisibilityField.masks, "texels along a side of a mask")
+    samples: float = setting(1_000_000, "points of the surface")
+    spp: int = setting(128, "rays a pixel")
+    paper: bool = setting(False, "the paper's settings instead of the defaults")
+    repeats: int = setting(5, "of what is timed")
+    spp_sweep: tuple[int, ...] | None = setting(
+        None, "rays a pixel; without values 16 32 64 128", metavar="SPP", empty=True
+    )
+    samples_sweep: tuple[float, ...] | None = setting(
+        None, "samples of the surface; without values 8e4 4e5 2e6 1e7", metavar="N", empty=True
+    )
+    cell_sweep: tuple[float, ...] | None = setting(
+        None, "sizes of cells; without values 1, 2, 4, 8 cells", metavar="CELL", empty=True
+    )
+    labels: bool = setting(False, "all labels, in Sponza over the roof, too")
+    glossy: bool = setting(False, "the file's own materials")
+    finer: bool = setting(False, "a finer field")
+    finer_cell: float | None = setting(None, "its cells; default: that of --cell")
+    finer_masks: int = setting(48, "its texels along a side of a mask")
+    finer_dilation: Literal["full", "half", "none"] = setting("half", "its masks' dilation")
+    all_frequency: bool = setting(False, "windows and stpeters against reference")
+    keys: int = setting(16, "frames averaged for --all-frequency")
+    error: float = setting(0.01, "standard error of the reference, relative to its mean")
+    light_size: tuple[int, int] = setting(
+        (160, 120), "of the images of --all-frequency", metavar=("W", "H")
     )
 
 
+def base_method(scene: Scene, settings: Settings) -> jaxvis.VisibilityField:
+    """The field of the command line."""
+    cell = settings.cell
+    if cell is None:
+        usual = scene.diagonal / CELLS_ALONG_DIAGONAL
+        cell = SPONZA_CELL if scene.name == "sponza" else usual
+    method = jaxvis.VisibilityField(
+        cell=cell, masks=settings.masks, samples=int(settings.samples), spp=settings.spp
+    )
+    return replace(method, **PAPER) if settings.paper else method
+
+
 def row_of(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace, what: str, name: str
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output, of: Row
 ) -> Row:
-    """A row that starts with ``what`` is ``name``; its pictures are named after it."""
-    picture = None
-    if options.out:
-        stem = "-".join([view.scene.name, view.name, what, name]).replace(",", "").replace(" ", "-")
-        picture = Path(options.out) / stem
-    columns = compare(view, method, options.repeats, picture=picture)
-    return {"scene": view.scene.name, what: name, **columns}
+    """A row that starts with what it is of; its pictures are named after that."""
+    values = [f"{value:g}" if isinstance(value, float) else str(value) for value in of.values()]
+    name = "-".join([view.scene.name, view.name, next(iter(of)), *values]).replace(" ", "-")
+    columns = compare(view, method, settings.repeats, picture=output.path(name))
+    return {"scene": view.scene.name, **of, **columns}
 
 
 def both_settings(method: jaxvis.VisibilityField) -> dict[str, jaxvis.VisibilityField]:
@@ -91,25 +128,25 @@ def both_settings(method: jaxvis.VisibilityField) -> dict[str, jaxvis.Visibility
 
 
 def spp_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Table 1."""
-    for spp in options.spp_sweep or SPP:
-        row = row_of(view, replace(method, spp=spp), options, "rays", str(spp))
+    for spp in settings.spp_sweep or SPP:
+        row = row_of(view, replace(method, spp=spp), settings, output, {"rays": spp})
         without, with_field = PAPER_TABLE_1.get(spp, (np.nan, np.nan))
         paper = {"paper's ms": without, "with": with_field, "paper's ratio": without / with_field}
         yield row | paper
 
 
 def samples_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 6: both ways to sample the surface, each field from scratch.
 
     "alone s" is to trace the same rays and nothing else; "Embree s" what Embree's calls took within
     the precomputation. The peak is the process's so far, pictures and textures included.
     """
-    for samples in options.samples_sweep or SAMPLES:
+    for samples in map(int, settings.samples_sweep or SAMPLES):
         for sampling in ("random", "stratified"):
             one = replace(method, samples=samples, sampling=sampling)
             with empty_cache():
@@ -117,7 +154,8 @@ def samples_rows(
                 _, cost = precomputed(view.scene, one)
                 peak = peak_megabytes()
                 alone = seconds_alone(view.scene, settings_of(one))
-                row = row_of(view, one, options, "samples", f"{samples} {sampling}")
+                of = {"samples": samples, "sampling": sampling}
+                row = row_of(view, one, settings, output, of)
             yield row | {
                 "precompute s": cost["precompute s"],
                 "Embree s": cost["Embree s"],
@@ -128,22 +166,22 @@ def samples_rows(
 
 
 def cell_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 7."""
-    for cell in options.cell_sweep or [edge_of(method) * times for times in COARSER]:
-        yield row_of(view, replace(method, cell=cell), options, "cell", f"{cell:g}")
+    for cell in settings.cell_sweep or [edge_of(method) * times for times in COARSER]:
+        yield row_of(view, replace(method, cell=cell), settings, output, {"cell": cell})
 
 
 def label_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 9: all labels, with texels that no sample looked at traced and not."""
     for conservative in (True, False):
         for labels in LABELS:
             one = replace(method, labels=labels, conservative=conservative)
             name = labels + (" conservative" if conservative else "")
-            row = row_of(view, one, options, "labels", name)
+            row = row_of(view, one, settings, output, {"labels": name})
             yield row | {"% of label 0": label_0_percent(view.scene, one)}
 
 
@@ -159,28 +197,28 @@ def label_0_percent(scene: Scene, method: jaxvis.VisibilityField) -> float:
 
 
 def glossy_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """Fig. 10: the file's own materials."""
     without, with_field = PAPER_GLOSSY
     for name, one in both_settings(method).items():
         paper = {"paper's ms": without, "with": with_field, "paper's ratio": without / with_field}
-        yield row_of(view, one, options, "glossy", name) | paper
+        yield row_of(view, one, settings, output, {"glossy": name}) | paper
 
 
 def finer_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """A finer field beside the usual one."""
-    cell = edge_of(method) if options.finer_cell is None else options.finer_cell
-    finer = replace(method, cell=cell, masks=options.finer_masks, dilation=options.finer_dilation)
+    cell = edge_of(method) if settings.finer_cell is None else settings.finer_cell
+    finer = replace(method, cell=cell, masks=settings.finer_masks, dilation=settings.finer_dilation)
     for one in (method, finer):
-        name = f"{edge_of(one):g}, {one.masks} x {one.masks}"
-        yield row_of(view, one, options, "cell and masks", name)
+        of = {"cell": edge_of(one), "masks": one.masks}
+        yield row_of(view, one, settings, output, of)
 
 
 def all_frequency_rows(
-    view: View, method: jaxvis.VisibilityField, options: argparse.Namespace
+    view: View, method: jaxvis.VisibilityField, settings: Settings, output: Output
 ) -> Iterator[Row]:
     """The whole environment: means of covered pixels over keys, against ``reference``.
 
@@ -189,7 +227,7 @@ def all_frequency_rows(
     stands behind it.
     """
     method = replace(method, lighting="environment", conservative=True)
-    plain, truth = same_without_field(method), Reference(error=options.error)
+    plain, truth = same_without_field(method), Reference(error=settings.error)
     stored, _ = precomputed(view.scene, method)
     bare = plain.precompute(view.scene, progress=False)
     for name in ALL_FREQUENCY:
@@ -206,24 +244,24 @@ def all_frequency_rows(
                         plain.shade(bare, light, view.surface, key=key),
                     )
                 ]
-                for key in jax.random.split(jax.random.key(1), options.keys)
+                for key in jax.random.split(jax.random.key(1), settings.keys)
             ]
         )
         paired = means[:, 0] - means[:, 1]
-        noise = means.std(axis=0, ddof=1) / np.sqrt(options.keys)
+        noise = means.std(axis=0, ddof=1) / np.sqrt(settings.keys)
         apart = (means.mean(axis=0) - expected) / np.hypot(noise, solution.error * expected)
-        yield row_of(here, method, options, "light", name) | {
-            "keys": options.keys,
+        yield row_of(here, method, settings, output, {"light": name}) | {
+            "keys": settings.keys,
             "noise %": 100.0 * noise[0] / expected,
             "reference %": 100.0 * solution.error,
             "standard errors": apart[0],
             "unculled's": apart[1],
             "field - unculled %": 100.0 * float(paired.mean()) / expected,
-            "+-": 100.0 * float(paired.std(ddof=1)) / np.sqrt(options.keys) / expected,
+            "+-": 100.0 * float(paired.std(ddof=1)) / np.sqrt(settings.keys) / expected,
         }
 
 
-Part = Callable[[View, jaxvis.VisibilityField, argparse.Namespace], Iterator[Row]]
+Part = Callable[[View, jaxvis.VisibilityField, Settings, Output], Iterator[Row]]
 
 PARTS: dict[str, tuple[str, Part]] = {
     "spp_sweep": ("Rays a pixel (table 1)", spp_rows),
@@ -234,77 +272,37 @@ PARTS: dict[str, tuple[str, Part]] = {
     "finer": ("A finer field", finer_rows),
     "all_frequency": ("All frequencies", all_frequency_rows),
 }
+"""Tables by the setting that asks for them."""
 
 
-def wanted(options: argparse.Namespace, part: str) -> bool:
+def wanted(settings: Settings, part: str) -> bool:
     """Whether a table was asked for; sweeps without values have the usual ones."""
-    value = getattr(options, part)
+    value = getattr(settings, part)
     return value is not None and value is not False
 
 
-def number(text: str) -> int:
-    """A whole number, also as 1e6."""
-    return int(float(text))
-
-
-def options_of_command_line(arguments: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    add = parser.add_argument
-    add("--scene", nargs="+", default=["sponza"])
-    add("--environment", default="uffizi")
-    views = ["default", *SPONZA_VIEWS]
-    add("--view", nargs="+", default=["default"], choices=views, help="all but default: Sponza's")
-    add("--size", nargs=2, type=int, default=[640, 480], metavar=("W", "H"))
-    add("--cell", type=float, help="default: 50 in Sponza, elsewhere the method's own")
-    add("--masks", type=int, default=jaxvis.VisibilityField.masks, help="default: %(default)s")
-    add("--samples", type=number, default=1_000_000)
-    add("--spp", type=int, default=128)
-    add("--paper", action="store_true", help="the paper's settings instead of the defaults")
-    add("--repeats", type=int, default=5)
-    add("--spp-sweep", nargs="*", type=int, metavar="SPP", help="default: 16 32 64 128")
-    add("--samples-sweep", nargs="*", type=number, metavar="N", help="default: 80e3 to 10e6")
-    add("--cell-sweep", nargs="*", type=float, metavar="CELL", help="default: 1, 2, 4, 8 cells")
-    add("--labels", action="store_true", help="all labels, in Sponza over the roof, too")
-    add("--glossy", action="store_true", help="the file's own materials")
-    add("--finer", action="store_true", help="a finer field")
-    add("--finer-cell", type=float, help="default: that of --cell")
-    add("--finer-masks", type=int, default=48, help="default: %(default)s")
-    add("--finer-dilation", default="half", help="full, half or none; default: %(default)s")
-    add("--all-frequency", action="store_true", help="windows and stpeters against reference")
-    add("--keys", type=int, default=16, help="frames averaged for --all-frequency")
-    add("--error", type=float, default=0.01, help="of the reference's pixels")
-    add(
-        "--light-size",
-        nargs=2,
-        type=int,
-        default=[160, 120],
-        metavar=("W", "H"),
-        help="for --all-frequency",
-    )
-    add("--out", help="folder for the pictures")
-    return parser.parse_args(arguments)
-
-
-def main(arguments: list[str] | None = None) -> None:
-    options = options_of_command_line(arguments)
-    environment = jaxvis.load_environment(options.environment)
-    for scene_name in options.scene:
-        scene = jaxvis.load_scene(scene_name)
-        method = base_method(scene, options)
-        print(f"{scene.name}: {len(scene.triangles)} triangles, {environment.name}, {method}")
-        views = views_of(scene, environment, options.size, options.view)
-        rows = [row_of(view.diffuse(), method, options, "field", "given") for view in views]
-        show("Views", rows)
+def measure(settings: Settings, output: Output) -> None:
+    """The tables that were asked for, scene after scene."""
+    environment = jaxvis.load_environment(settings.environment)
+    for spec in dict.fromkeys(settings.scene):
+        scene = jaxvis.load_scene(spec)
+        method = base_method(scene, settings)
+        output.say(f"{spec}: {len(scene.triangles)} triangles, {environment.name}, {method}")
+        views = views_of(scene, environment, settings.size, settings.view)
+        usual = {"field": "given"}
+        rows = [row_of(view.diffuse(), method, settings, output, usual) for view in views]
+        output.table(f"{file_stem(spec)}-views", f"Views of {spec}", rows)
         for part, (title, table) in PARTS.items():
-            if not wanted(options, part):
+            if not wanted(settings, part):
                 continue
-            names = [*options.view, "roof"] if part == "labels" else options.view
-            size = options.light_size if part == "all_frequency" else options.size
+            names = [*settings.view, "roof"] if part == "labels" else settings.view
+            size = settings.light_size if part == "all_frequency" else settings.size
             rows = []
             for view in views_of(scene, environment, size, names):
-                rows += table(view if part == "glossy" else view.diffuse(), method, options)
-            show(title, rows)
+                shown = view if part == "glossy" else view.diffuse()
+                rows += table(shown, method, settings, output)
+            output.table(f"{file_stem(spec)}-{part.replace('_', '-')}", f"{title}, {spec}", rows)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, measure, __doc__)

@@ -5,140 +5,101 @@ and reference. PSNR must rise with zeta and end near the fragment image's. With 
 the pictures, the reference's among them, and a figure.
 """
 
-import argparse
-import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
 import numpy as np
-import pandas as pd
-from jaxtyping import Float
+from matplotlib.figure import Figure
 
 import jaxvis
-from jaxvis.image import display, psnr, write_image
-from jaxvis.image.tonemap import exposure_of
-from jaxvis.methods import Reference
+from experiments.measuring import median_seconds, reference_image, white, write_images
+from experiments.output import Output, Row
+from experiments.settings import Common, execute, setting
+from jaxvis.image import exposure_of, psnr
 from jaxvis.methods.vectorized import VectorizedVisibility
-from jaxvis.reflectance import Lambert
-from jaxvis.scene import Scene, Surface
-
-Image = Float[np.ndarray, "height width 3"]
+from jaxvis.scene import Scene
 
 
-def white(scene: Scene, albedo: float = 0.8) -> Scene:
-    """The scene in one diffuse grey; materials keep their sides."""
-    grey = tuple(
-        jaxvis.Material(base_colour=(albedo,) * 3, two_sided=m.two_sided) for m in scene.materials
-    )
-    return replace(scene.with_materials(grey), colours=None, reflectance=Lambert())
-
-
-def median_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Of warm calls: the first one compiles and is not counted."""
-    jax.block_until_ready(function())
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds))
-
-
-def reference_image(
-    scene: Scene, environment: jaxvis.Environment, surface: Surface, error: float
-) -> Image:
-    """Ground truth, from the disk if it was computed before."""
-    truth = Reference(error=error)
-    solution, _ = truth.solve_cached(truth.precompute(scene), truth.light(environment), surface)
-    return np.asarray(solution.image)
+@dataclass(frozen=True)
+class Settings(Common):
+    scene: tuple[str, ...] = setting(("duck", "teapot"), "what is lit")
+    environment: str = setting("stpeters", "what lights it")
+    zeta: tuple[float, ...] = setting((0.0, 1.0, 2.0, 3.0, 4.0), "tessellation qualities")
+    size: tuple[int, int] = setting((512, 512), "of the images", metavar=("W", "H"))
+    vectors: int = setting(128, "most position vectors of a polygon")
+    error: float = setting(0.005, "standard error of the reference, relative to its mean")
+    repeats: int = setting(3, "timed calls")
+    own_materials: bool = setting(False, "instead of white diffuse")
 
 
 def sweep(
-    scene: Scene, environment: jaxvis.Environment, options: argparse.Namespace
+    scene: Scene, environment: jaxvis.Environment, settings: Settings, output: Output
 ) -> list[dict[str, object]]:
     """A row for each method; writes the pictures if wanted."""
-    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), tuple(options.size))
-    truth = reference_image(scene, environment, surface, options.error)
+    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), settings.size)
+    truth = reference_image(scene, environment, surface, settings.error)
     covered = np.asarray(surface.coverage) > 0.0
-    base = VectorizedVisibility(vectors=options.vectors)
+    base = VectorizedVisibility(vectors=settings.vectors)
     visibility, light = base.precompute(scene, progress=False), base.light(environment)
     methods = {
         "vertex": replace(base, shading="vertex"),
-        **{f"zeta {zeta:g}": replace(base, zeta=zeta) for zeta in options.zeta},
+        **{f"zeta {zeta:g}": replace(base, zeta=zeta) for zeta in settings.zeta},
         "fragment": replace(base, shading="fragment"),
     }
-    rows, pictures = [], {"reference": truth}
+    rows, images = [], {"reference": truth}
     for name, method in methods.items():
 
         def shade(method=method) -> jax.Array:
             return method.shade(visibility, light, surface)
 
-        image = np.asarray(shade())
-        pictures[name] = image
+        images[name] = np.asarray(shade())
         rows.append(
             {
                 "scene": scene.name,
                 "shading": name,
-                "PSNR dB": psnr(image, truth, covered),
+                "PSNR dB": psnr(images[name], truth, covered),
                 "evaluations": method.evaluations(visibility, light, surface),
-                "frame s": median_seconds(shade, options.repeats),
+                "frame s": median_seconds(shade, settings.repeats),
             }
         )
-    if options.out:
-        _write(pictures, Path(options.out) / scene.name, exposure_of(truth, covered))
+    write_images(output, scene.name, images, exposure_of(truth, covered))
     return rows
 
 
-def _write(pictures: dict[str, Image], folder: Path, exposure: float) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, image in pictures.items():
-        write_image(folder / f"{name.replace(' ', '-')}.png", display(image, exposure))
-
-
-def _figure(table: pd.DataFrame, path: Path) -> None:
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
-    for scene, part in table.groupby("scene"):
+def draw(path: Path, rows: Sequence[Row]) -> None:
+    """What the rows measured over the tessellation quality, a curve for each scene."""
+    figure = Figure((12, 3.6), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        part = [row for row in rows if row["scene"] == scene]
+        shading = [row["shading"] for row in part]
         for axis, column in zip(axes, ("PSNR dB", "evaluations", "frame s"), strict=True):
-            axis.plot(part["shading"], part[column], marker="o", label=scene)
+            axis.plot(shading, [row[column] for row in part], marker="o", label=scene)
             axis.set_ylabel(column)
             axis.tick_params(axis="x", rotation=45)
     axes[1].set_yscale("log")
     axes[2].set_yscale("log")
     axes[0].legend()
     figure.savefig(path, dpi=120)
-    plt.close(figure)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["duck", "teapot"])
-    parser.add_argument("--environment", default="stpeters")
-    parser.add_argument("--zeta", nargs="+", type=float, default=[0.0, 1.0, 2.0, 3.0, 4.0])
-    parser.add_argument("--size", nargs=2, type=int, default=[512, 512], metavar=("W", "H"))
-    parser.add_argument("--vectors", type=int, default=128)
-    parser.add_argument("--error", type=float, default=0.005, help="of the reference")
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--own-materials", action="store_true", help="instead of white diffuse")
-    parser.add_argument("--quick", action="store_true", help="the teapot at 192 x 192")
-    parser.add_argument("--out", help="folder for the pictures and the figure")
-    options = parser.parse_args()
-    if options.quick:
-        options.scene, options.size, options.error = ["teapot"], [192, 192], 0.01
-    environment = jaxvis.load_environment(options.environment)
+def run(settings: Settings, output: Output) -> None:
+    """All scenes under one light."""
+    environment = jaxvis.load_environment(settings.environment)
     rows = []
-    for name in options.scene:
+    for name in settings.scene:
         scene = jaxvis.load_scene(name)
-        rows += sweep(scene if options.own_materials else white(scene), environment, options)
-    table = pd.DataFrame(rows)
-    print(f"{environment.name}, {options.size}, {options.vectors} vectors")
-    print(table.to_string(index=False, float_format="{:.4g}".format))
-    if options.out:
-        _figure(table, Path(options.out) / "zeta_sweep.png")
+        scene = scene if settings.own_materials else white(scene)
+        rows += sweep(scene, environment, settings, output)
+    size = f"{settings.size[0]} x {settings.size[1]}"
+    output.say(f"{environment.name}, {size}, {settings.vectors} vectors")
+    output.table("sweep", "Over the tessellation quality", rows)
+    path = output.path("zeta_sweep.png")
+    if path is not None:
+        draw(path, rows)
 
 
 if __name__ == "__main__":
-    main()
+    execute(Settings, run, __doc__)

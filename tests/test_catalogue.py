@@ -1,6 +1,8 @@
 """The list of experiments, and how they are run."""
 
-import ast
+import dataclasses
+import importlib
+import json
 import re
 import sys
 from pathlib import Path
@@ -10,6 +12,7 @@ import pytest
 from experiments import catalogue, run
 from experiments.catalogue import BY_NAME, EXPERIMENTS, Experiment, lacking, listing
 from experiments.papers import ITEMS, PAPERS, shown_by
+from experiments.settings import parse
 from jaxvis import datasets
 
 FOLDER = Path(run.__file__).parent
@@ -27,7 +30,7 @@ def scripts() -> set[str]:
     return {
         path.stem
         for path in FOLDER.glob("*.py")
-        if path.stem != "__main__" and '__name__ == "__main__"' in path.read_text()
+        if path.stem not in ("__main__", "results") and '__name__ == "__main__"' in path.read_text()
     }
 
 
@@ -61,20 +64,17 @@ def test_what_shows_an_item_exists():
 
 @pytest.mark.parametrize("name", BY_NAME)
 def test_options_are_ones_that_the_script_has(name):
-    """Parsed, not run: each option of the catalogue must be one that the file adds."""
-    tree = ast.parse((FOLDER / f"{name}.py").read_text())
-    texts = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)}
-    known = {text for text in texts if isinstance(text, str) and text.startswith("--")}
-    if name == "correspondence_table":
-        known |= {"--construction", "--interpolation"}  # added in a loop
+    """Parsed, not run: what the catalogue and the list of figures say must be understood."""
+    kind = importlib.import_module(f"experiments.{name}").Settings
+    assert dataclasses.is_dataclass(kind)
+    assert kind.__dataclass_params__.frozen
     experiment = BY_NAME[name]
-    used = [*experiment.quick, *experiment.full]
+    assert parse(kind, experiment.quick) != parse(kind, [])
+    parse(kind, experiment.full)
     for item in ITEMS:
-        used += [word for by in item.by if by.split()[0] == name for word in by.split()]
-    options = {word for word in used if word.startswith("--")}
-    assert options
-    assert options <= known
-    assert experiment.out == ("--out" in known)
+        for by in item.by:
+            if by.split()[0] == name:
+                parse(kind, by.split()[1:])
 
 
 def test_quick_runs_use_built_in_scenes_and_lights_alone():
@@ -120,6 +120,7 @@ def test_without_arguments_it_lists(capsys):
         (["speed_rays", "large_frame", "--spp", "4"], "go with one NAME"),
         (["--out", "somewhere"], "nothing to run"),
         (["--quick", "--out"], "expected one argument"),
+        (["--quick", "--label", "x"], "--label goes with one NAME"),
     ],
 )
 def test_wrong_usage_is_one_line(capsys, arguments, said):
@@ -144,7 +145,7 @@ def test_a_full_run_takes_own_options_instead_and_a_quick_one_besides():
 
 
 STUBS = {
-    "plain": "import sys; print('a  b'); print('1  2'); print(*sys.argv[1:])",
+    "plain": "import sys; print('a  b'); print('1  2'); print(*sys.argv[1:3])",
     "markdown": "print('| a |'); print('|---|'); print('| é |')",
     "fails": "print('half'); raise SystemExit('it is | broken')",
     "crashes": "print('nothing'); 1 / 0",
@@ -164,7 +165,7 @@ def command(experiment: Experiment) -> list[str]:
 def ran(tmp_path_factory):
     """Outcomes and folder of a run of all stubs, one of which needs what nobody has."""
     folder = tmp_path_factory.mktemp("ran") / "new" / "folder"
-    stubs = [stub(name, out=name == "after") for name in STUBS]
+    stubs = [stub(name) for name in STUBS]
     stubs.insert(2, stub("absent", needs=(("no_such_module", "peers"),)))
     outcomes = run.run_all(stubs, folder, quick=True, command=command)
     return {outcome.name: outcome for outcome in outcomes}, folder
@@ -217,6 +218,23 @@ def test_pictures_go_to_a_folder_of_the_experiments_own(ran):
     assert not list(folder.glob(".*"))  # nothing half-written
 
 
+def test_what_ran_is_on_record_and_what_failed_is_not(ran):
+    _, folder = ran
+    record = json.loads((folder / "plain" / "run.json").read_text())
+    assert record["command"] == "python -m experiments.plain --spp '1 2'"
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", record["date"])
+    assert "cores of" in record["machine"]
+    assert not (folder / "fails" / "run.json").exists()
+
+
+def test_a_label_names_what_is_kept(monkeypatch, tmp_path):
+    monkeypatch.setattr(run, "BY_NAME", {"plain": stub("plain")})
+    monkeypatch.setattr(run, "command_of", command)
+    out = ["--quick", "--out", str(tmp_path), "--label", "again"]
+    assert run.main(["plain", *out]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "again.md"]
+
+
 def test_the_summary_counts(ran):
     _, folder = ran
     text = (folder / "summary.md").read_text()
@@ -231,6 +249,7 @@ def test_the_exit_code_tells_of_failures(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(run, "command_of", command)
     out = ["--quick", "--out", str(tmp_path)]
     assert run.main(["plain", *out]) == 0
+    assert not (tmp_path / "summary.md").exists()
     assert "a  b\n1  2\n" in capsys.readouterr().out  # one alone also shows what it prints
     assert run.main(["crashes", "plain", *out]) == 1
     assert (tmp_path / "plain.md").exists()

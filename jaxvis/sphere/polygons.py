@@ -13,6 +13,9 @@ from jaxtyping import Array, Float
 
 from jaxvis.sphere.angles import turns
 
+LEAST_SINE = 1e-7
+"""No edge between float32 directions is shorter, but for those of no length."""
+
 
 class Directions(NamedTuple):
     """Components of the directions of many polygons, kept apart: XLA vectorises over them."""
@@ -133,15 +136,17 @@ def uniform_irradiance(
     """Irradiance from radiance 1 in polygons above the horizon; pi for the whole hemisphere.
 
     Lambert's formula: half the sum over the edges of their angle times the height of their plane's
-    normal. Exact for great-circle edges; directions are unit.
+    normal. Exact for great-circle edges; directions are unit. Edges below :data:`LEAST_SINE` count
+    as so long where they are divided by.
     """
     a, b = directions, following(directions)
     cross = Directions(
         a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x
     )  # of length sin(angle)
     square = cross.x * cross.x + cross.y * cross.y + cross.z * cross.z
-    safe = jnp.where(square > 0.0, square, 1.0)
-    sine = jnp.where(square > 0.0, jnp.sqrt(safe), 0.0)
+    # Not a case for zero: a compiler that computes the square twice, once with fused products,
+    # takes both sides for an edge of no length.
+    sine = jnp.sqrt(jnp.maximum(square, LEAST_SINE * LEAST_SINE))
     cosine = a.x * b.x + a.y * b.y + a.z * b.z
     angle = 2.0 * jnp.pi * turns(sine, cosine)
-    return 0.5 * jnp.sum(along(cross, normal) * (angle / jnp.sqrt(safe)), axis=-1)
+    return 0.5 * jnp.sum(along(cross, normal) * (angle / sine), axis=-1)

@@ -1,6 +1,5 @@
 """Fits, stopwatches, moving parts and rows of the tables of adaptive visibility."""
 
-import argparse
 import math
 import types
 from dataclasses import replace
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxvis
+from experiments.adaptive_frames import frames_rows
 from experiments.adaptive_runs import (
     Moving,
     Noise,
@@ -16,14 +16,13 @@ from experiments.adaptive_runs import (
     angular_of,
     every_vertex_in_view,
     filled,
-    markdown,
     placed,
-    resident_megabytes,
     shaded,
-    stopwatch,
-    write_strip,
 )
-from experiments.adaptive_table import PARTS, options_of_command_line
+from experiments.adaptive_table import PARTS, Settings
+from experiments.measuring import resident_megabytes, stopwatch, write_strip
+from experiments.output import Output
+from experiments.settings import parse
 from jaxvis.image import read_image
 from jaxvis.methods import MonteCarlo, registry
 from jaxvis.methods.distance_field import AdaptiveVisibility
@@ -49,14 +48,15 @@ def method():
     return registry.create(SMALL)
 
 
-def options_of(*arguments: str) -> argparse.Namespace:
+def settings_of(*arguments: str) -> Settings:
     usual = ["--frame", str(FRAME), "--error", "0.05", "--repeats", "1", "--spp", "4", "16"]
-    return options_of_command_line([*usual, *arguments])
+    return parse(Settings, [*usual, *arguments])
 
 
 def rows_of(what, view, method, *arguments):
-    options = options_of("--what", what, *arguments)
-    return [list(part(view, method, options)) for _, part in PARTS[what]]
+    settings = settings_of("--what", what, *arguments)
+    output = Output(settings.out)
+    return [list(part(view, method, settings, output)) for _, _, part in PARTS[what]]
 
 
 def test_noise_is_fitted_exactly():
@@ -90,7 +90,7 @@ def test_what_cannot_be_fitted_is_refused(spp, rmse, message):
 
 def test_a_stopwatch_counts_only_inside_and_only_its_functions(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("experiments.adaptive_runs.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("experiments.measuring.time.perf_counter", lambda: now[0])
 
     def slow(seconds):
         now[0] += seconds
@@ -104,19 +104,6 @@ def test_a_stopwatch_counts_only_inside_and_only_its_functions(monkeypatch):
     module.slow(100.0)
     assert spent == {"slow": 5.0, "idle": 0.0}
     assert module.slow is slow
-
-
-def test_a_table_has_the_columns_of_all_rows():
-    rows = [{"a": 0.12345, "b": 3}, {"a": 123456.7, "c": "x"}, {"a": math.inf, "b": None}]
-    assert markdown("T", rows).splitlines()[1:] == [
-        "### T",
-        "",
-        "| a | b | c |",
-        "| --- | --- | --- |",
-        "| 0.123 | 3 |  |",
-        "| 123457 |  | x |",
-        "| inf |  |  |",
-    ]
 
 
 def test_memory_grows_with_what_is_held():
@@ -185,8 +172,8 @@ def test_all_three_verbs_are_timed(view):
 def test_strips_are_side_by_side(view, tmp_path):
     setting = view.at(FRAME)
     bright, dark = np.ones((18, 24, 3), np.float32), np.zeros((18, 24, 3), np.float32)
-    write_strip(tmp_path / "new" / "strip.png", setting, [bright, dark, dark], bright)
-    strip = read_image(tmp_path / "new" / "strip.png")
+    write_strip(tmp_path / "strip.png", setting, [bright, dark, dark], bright)
+    strip = read_image(tmp_path / "strip.png")
     assert strip.shape[:2] == (18, 3 * 24 + 2 * 4)
     left, right = strip[:, :24][setting.coverage == 1], strip[:, 28:52][setting.coverage == 1]
     assert left.min() > 0.9
@@ -216,8 +203,8 @@ def test_placement(view, method):
 def test_thresholds(view, method):
     arguments = ["--budget", "0.9", "--resolutions", "8", "16"]
     (rows,) = rows_of("thresholds", view, replace(method, budget=0.06), *arguments)
-    assert [(row["E_max %"], row["texels"]) for row in rows] == [
-        (largest, f"{size}²") for largest in (20, 10, 5) for size in (8, 16)
+    assert [(row["E_max %"], row["texels a side"]) for row in rows] == [
+        (largest, size) for largest in (20, 10, 5) for size in (8, 16)
     ]
     samples = [row["samples"] for row in rows[1::2]]
     assert samples[0] < samples[1] < samples[2]
@@ -225,7 +212,7 @@ def test_thresholds(view, method):
 
 def test_resolution(view, method):
     (rows,) = rows_of("resolution", view, method, "--resolutions", "32", "64", "--maps", "20")
-    assert [row["texels"] for row in rows] == ["32²", "64²"]
+    assert [row["texels a side"] for row in rows] == [32, 64]
     for row, size in zip(rows, (32, 64), strict=True):
         assert row["dense M rays"] == pytest.approx(row["maps"] * size**2 / 1e6)
         assert row["adaptive M rays"] < row["dense M rays"]
@@ -261,13 +248,13 @@ def test_frames(view, method):
 
 
 def test_frames_alone(view, method, monkeypatch):
-    options = options_of("--frames", "3", "--every", "2", "--carried-only")
+    settings = settings_of("--frames", "3", "--every", "2", "--carried-only")
     first = method.precompute_for(view.at(FRAME).scene, view.at(FRAME).surface, progress=False)
     started = []
     monkeypatch.setattr(
         "experiments.adaptive_frames.placed", lambda *_: started.append(first) or first
     )
-    rows = list(PARTS["frames"][0][1](view, method, options))
+    rows = list(frames_rows(view, method, settings, Output()))
     assert [row["frame"] for row in rows] == [FRAME + 2, FRAME + 3]
     assert len(started) == 1
     for row in rows:

@@ -21,7 +21,9 @@ from experiments.cone_runs import (
     voxel_of,
 )
 from experiments.cone_scenes import room, share_of_sky, slab
-from experiments.cone_table import options_of_command_line
+from experiments.cone_table import Settings
+from experiments.output import Output
+from experiments.settings import parse
 from jaxvis.compare.setting import prepare
 from jaxvis.methods import Reference
 from jaxvis.methods.cones.march import Lightmaps
@@ -38,8 +40,8 @@ SMALL = [
 ]
 
 
-def options_of(*arguments):
-    return options_of_command_line([*SMALL, *arguments])
+def settings_of(*arguments):
+    return parse(Settings, [*SMALL, *arguments])
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +164,7 @@ def test_cameras_see_what_is_hidden_and_what_is_not():
 
 def test_leaks_are_told_apart_from_light_that_belongs(monkeypatch):
     monkeypatch.setattr(cone_stages, "shelters", lambda wall: [room(wall=wall)])
-    truth, *cones = cone_stages.leak_rows(options_of("--wall", "0.1"))
+    truth, *cones = cone_stages.leak_rows(settings_of("--wall", "0.1"))
     assert [row["method"] for row in cones] == ["hybrid 16³ + 32²", "voxel 16³"]
     assert truth["inside"] == truth["inside / outside %"] == 0.0
     assert truth["outside"] == pytest.approx(0.8, rel=0.05)
@@ -192,12 +194,18 @@ def test_methods_have_names_by_which_they_are_made():
     assert name_of(hybrid_of("32x64")) == "hybrid 32³ + 64²"
     assert name_of(voxel_of(32)) == "voxel 32³"
     assert hybrid_of("32x64").bounces == voxel_of(32).bounces == 1
-    with pytest.raises(SystemExit, match="128x2048; got '32'"):
+    with pytest.raises(ValueError, match="128x2048; got '32'"):
         hybrid_of("32")
 
 
+def test_sizes_are_words():
+    assert cone_stages.size_of("640x360") == (640, 360)
+    with pytest.raises(ValueError, match="640x360; got '640'"):
+        cone_stages.size_of("640")
+
+
 def test_memory_is_compared_with_the_first_voxels(setting):
-    rows = list(cone_table.memory_rows(setting, options_of()))
+    rows = list(cone_table.memory_rows(setting, settings_of(), Output()))
     voxel, hybrid = (row for row in rows if row["kept"].startswith("all"))
     assert voxel["of voxel %"] == 100.0
     assert hybrid["of voxel %"] == pytest.approx(100.0 * hybrid["MB"] / voxel["MB"])
@@ -208,7 +216,7 @@ def test_memory_is_compared_with_the_first_voxels(setting):
 
 
 def test_quality_has_ratios_and_pictures(setting, tmp_path):
-    rows = list(cone_table.quality_rows(setting, options_of("--out", str(tmp_path))))
+    rows = list(cone_table.quality_rows(setting, settings_of(), Output(tmp_path)))
     noise, hybrid, voxel = rows
     assert noise["RMSE %"] <= 10.0
     assert voxel["hybrid's / its RMSE"] == pytest.approx(hybrid["RMSE %"] / voxel["RMSE %"])
@@ -221,7 +229,7 @@ def test_the_march_is_swept_one_parameter_at_a_time(setting, monkeypatch):
     seen = []
     monkeypatch.setattr(Truth, "errors", lambda self, lit: seen.append(lit) or {})
     monkeypatch.setattr(Lit, "gather", lambda self, setting: jnp.zeros(1))
-    rows = list(cone_table.march_rows(setting, options_of()))
+    rows = list(cone_table.march_rows(setting, settings_of(), Output()))
     assert len(rows) == len(seen)
     for row, lit in zip(rows, seen, strict=True):
         usual = hybrid_of("16x32") if row["maps"].startswith("hybrid") else voxel_of(16)
@@ -235,7 +243,7 @@ def test_the_march_is_swept_one_parameter_at_a_time(setting, monkeypatch):
 
 
 def test_stages_end_with_a_ratio(setting):
-    hybrid, voxel, ratio = cone_stages.stage_rows(setting, options_of())
+    hybrid, voxel, ratio = cone_stages.stage_rows(setting, settings_of(), Output())
     assert ratio["shade s"] == pytest.approx(hybrid["shade s"] / voxel["shade s"])
     for row in (hybrid, voxel):
         parts = row["classify s"] + row["voxelize s"] + row["heights s"]

@@ -5,7 +5,7 @@ import pytest
 
 import jaxvis
 from experiments.correspondence_table import sizes
-from experiments.per_fragment import smooth_parts, strongest_boundaries
+from experiments.crops import smooth_parts, strongest_boundaries
 from tests.methods.corresponding_polygons import SIDES, two_triangles
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import jaxvis
+from experiments.output import Output
+from experiments.settings import parse
 from experiments.visibility_field_runs import (
     PAPER,
     compare,
@@ -17,7 +19,7 @@ from experiments.visibility_field_runs import (
     settings_of,
     views_of,
 )
-from experiments.visibility_field_table import PARTS, base_method, options_of_command_line, wanted
+from experiments.visibility_field_table import PARTS, Settings, base_method, row_of, wanted
 from tests.methods.known_scenes import contrasted
 
 pytestmark = pytest.mark.usefixtures("own_caches")
@@ -103,9 +105,9 @@ TABLES = {
 def test_tables(view, part):
     arguments, count = TABLES[part]
     usual = ["--cell", "1", "--masks", "8", "--samples", "1e3", "--spp", "4", "--repeats", "1"]
-    options = options_of_command_line([*usual, *arguments])
-    assert [name for name in PARTS if wanted(options, name)] == [part]
-    rows = list(PARTS[part][1](view, base_method(view.scene, options), options))
+    settings = parse(Settings, [*usual, *arguments])
+    assert [name for name in PARTS if wanted(settings, name)] == [part]
+    rows = list(PARTS[part][1](view, base_method(view.scene, settings), settings, Output()))
     assert len(rows) == count
     for row in rows:
         assert 0.0 < row["% traced"] <= 100.0
@@ -114,9 +116,20 @@ def test_tables(view, part):
 
 def test_means_of_all_frequencies_are_compared_in_standard_errors(view, monkeypatch):
     monkeypatch.setattr(jaxvis, "load_environment", lambda name: view.environment)
-    options = options_of_command_line(["--keys", "3", "--error", "0.05", "--repeats", "1"])
-    rows = list(PARTS["all_frequency"][1](view, TINY, options))
+    settings = parse(Settings, ["--keys", "3", "--error", "0.05", "--repeats", "1"])
+    rows = list(PARTS["all_frequency"][1](view, TINY, settings, Output()))
     assert [row["light"] for row in rows] == ["windows", "stpeters"]
     for row in rows:
         assert abs(row["standard errors"]) < 5.0
         assert abs(row["field - unculled %"]) < 0.5
+
+
+def test_rows_start_with_what_they_are_of_and_pictures_are_named_after_it(view, tmp_path):
+    settings = parse(Settings, ["--repeats", "1"])
+    of = {"cell": 1.0, "masks": 8, "sampling": "all of it"}
+    row = row_of(view, TINY, settings, Output(tmp_path), of)
+    assert list(row)[:5] == ["scene", "cell", "masks", "sampling", "view"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        f"box-on-plane-default-cell-1-8-all-of-it-{which}.png"
+        for which in ("culled", "difference", "unculled")
+    ]

@@ -180,7 +180,12 @@ class HybridCones(Method):
         progress: bool = False,
     ) -> Float[Array, "height width 3"]:
         """Light from the sky and, with bounces, from surfaces through cones; from suns by rays."""
-        maps = self.lightmaps(visibility, light)
+        return self.shade_lit(visibility, self.lightmaps(visibility, light), light, surface)
+
+    def shade_lit(
+        self, visibility: ConeVisibility, maps: Lightmaps, light: ConeLight, surface: Surface
+    ) -> Float[Array, "height width 3"]:
+        """:meth:`shade` with maps that :meth:`lightmaps` lit: for many views of a light."""
         points = shading_points(surface)
         fallen = self.gather(visibility, maps, light, surface)
         if len(light.sun_flux):

@@ -1,7 +1,7 @@
 """Visibility-aware sampling of the environment, adapted to blocks of pixels within one frame."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, UInt32
 
 from jaxvis.lighting import Environment
-from jaxvis.methods.base import Method, require_key
+from jaxvis.methods.base import require_key
 from jaxvis.methods.estimators import Counts, Draw, Drawn, draws, weighed
 from jaxvis.methods.monte_carlo.block_light import (
     BlockLight,
@@ -20,9 +20,8 @@ from jaxvis.methods.monte_carlo.block_light import (
 )
 from jaxvis.methods.monte_carlo.cell_light import CellLight
 from jaxvis.methods.monte_carlo.estimate import (
+    Estimator,
     balanced_proposals,
-    check_sampling,
-    directions_integrated,
     estimate,
     halves,
 )
@@ -37,7 +36,7 @@ from jaxvis.methods.traced import (
 )
 from jaxvis.reflectance import Reflectance
 from jaxvis.sampling.random import key_words
-from jaxvis.scene import Scene, Surface
+from jaxvis.scene import Surface
 from jaxvis.sphere.frames import dot
 
 CELLS = (16, 32)
@@ -53,7 +52,7 @@ class Shares(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AdaptiveEnvironment(Method):
+class AdaptiveEnvironment(Estimator):
     """A quarter of the rays go ahead as pilots and tell which parts of the sky are visible from
     where; the others are drawn from luminance x cosine x the root of that visibility. Half of the
     pilots are drawn from the luminance, half from the BRDF.
@@ -75,18 +74,12 @@ class AdaptiveEnvironment(Method):
     least: float = 0.02
     rays_per_chunk: int = RAYS_PER_CHUNK
 
-    stochastic: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        check_sampling(self)
+        super().__post_init__()
         if self.tile < 2:
             raise ValueError(f"tile must be at least 2 pixels, got {self.tile}")
         if not 0.0 < self.least <= 1.0:
             raise ValueError(f"least must be above 0 and at most 1, got {self.least}")
-
-    def precompute(self, scene: Scene, progress: bool = True) -> RayVisibility:
-        """Nothing but the Embree tree."""
-        return RayVisibility.of(scene)
 
     def light(self, environment: Environment) -> CellLight:
         """The environment's texels by cells, each with a sampling table."""
@@ -135,9 +128,6 @@ class AdaptiveEnvironment(Method):
         each = max(1, self.spp // 8)
         environment = each if self.spp > 3 else 0
         return Shares(environment, each, self.spp - environment - each)
-
-    def evaluations(self, visibility: RayVisibility, light: CellLight, surface: Surface) -> int:
-        return directions_integrated(self, light, surface)
 
 
 def pilot_draws(

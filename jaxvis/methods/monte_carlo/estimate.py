@@ -1,11 +1,12 @@
 """What the Monte Carlo methods share: how many rays, of what, traced and added up."""
 
-from typing import Protocol, runtime_checkable
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt32
 from tqdm.auto import tqdm
 
+from jaxvis.methods.base import Method
 from jaxvis.methods.estimators import (
     Counts,
     DrawnLight,
@@ -21,30 +22,40 @@ from jaxvis.methods.traced import (
     trace_and_sum,
 )
 from jaxvis.reflectance import Reflectance
-from jaxvis.scene import Surface
+from jaxvis.scene import Scene, Surface
 
 
-@runtime_checkable
-class Sampling(Protocol):
-    """The hyperparameters that every Monte Carlo method has."""
+class Estimator(Method):
+    """A method that traces ``spp`` rays a shaded pixel, in chunks of ``rays_per_chunk``, and as
+    many more to sphere lights where the environment has any.
 
-    @property
-    def spp(self) -> int: ...
-
-    @property
-    def rays_per_chunk(self) -> int: ...
-
-
-def check_sampling(method: Sampling) -> None:
-    """Refuses numbers of rays below 1.
-
-    Raises:
-        ValueError: naming the parameter.
+    Subclasses are dataclasses whose ``__post_init__`` calls this one's.
     """
-    if method.spp < 1:
-        raise ValueError(f"spp must be at least 1, got {method.spp}")
-    if method.rays_per_chunk < 1:
-        raise ValueError(f"rays_per_chunk must be at least 1, got {method.rays_per_chunk}")
+
+    spp: int
+    rays_per_chunk: int
+
+    stochastic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Refuses numbers of rays below 1.
+
+        Raises:
+            ValueError: naming the parameter.
+        """
+        if self.spp < 1:
+            raise ValueError(f"spp must be at least 1, got {self.spp}")
+        if self.rays_per_chunk < 1:
+            raise ValueError(f"rays_per_chunk must be at least 1, got {self.rays_per_chunk}")
+
+    def precompute(self, scene: Scene, progress: bool = True) -> RayVisibility:
+        """Nothing but the Embree tree."""
+        return RayVisibility.of(scene)
+
+    def evaluations(self, visibility: RayVisibility, light: DrawnLight, surface: Surface) -> int:
+        """``spp`` a shaded pixel, and as many to sphere lights where there are any."""
+        lit_by = 1 if light.environment.spheres is None else 2
+        return lit_by * self.spp * int(jnp.sum(surface.mask))
 
 
 def halves(spp: int) -> Counts:
@@ -71,7 +82,7 @@ def estimate(
     points: ShadingPoints,
     proposed: list[Propose],
     words: UInt32[Array, "2"],
-    method: Sampling,
+    method: Estimator,
     *,
     most: int,
     progress: bool = False,
@@ -94,9 +105,3 @@ def estimate(
             advance=bar.update,
         )
     return to_image(surface, points, radiance)
-
-
-def directions_integrated(method: Sampling, light: DrawnLight, surface: Surface) -> int:
-    """``spp`` a shaded pixel, and as many to sphere lights where there are any."""
-    lit_by = 1 if light.environment.spheres is None else 2
-    return lit_by * method.spp * int(jnp.sum(surface.mask))

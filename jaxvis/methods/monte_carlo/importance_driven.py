@@ -3,20 +3,18 @@ Debattista and Chalmers 2014), alone and with adaptive cumulative distributions 
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxvis.lighting import Environment
-from jaxvis.methods.base import Method, require_key
+from jaxvis.methods.base import require_key
 from jaxvis.methods.estimators import Counts, DrawnLight
 from jaxvis.methods.monte_carlo.cell_light import CellLight
 from jaxvis.methods.monte_carlo.estimate import (
+    Estimator,
     balanced_proposals,
-    check_sampling,
-    directions_integrated,
     estimate,
     halves,
 )
@@ -24,14 +22,14 @@ from jaxvis.methods.monte_carlo.local_light import TABLE, LocalLight
 from jaxvis.methods.monte_carlo.path_map import directional_distribution, path_map
 from jaxvis.methods.traced import RAYS_PER_CHUNK, RayVisibility, ShadingPoints, shading_points
 from jaxvis.sampling.random import key_words
-from jaxvis.scene import Scene, Surface
+from jaxvis.scene import Surface
 
 PATH_MAP = (64, 128)
 """Rows and columns of a path map; those of the environment where it has fewer."""
 
 
 @dataclass(frozen=True)
-class ImportanceDriven(Method):
+class ImportanceDriven(Estimator):
     """MIS IDES: rays from the approximated directional distribution and, a share of ``brdf`` of
     them, from the BRDF, weighted by the balance heuristic.
 
@@ -51,10 +49,8 @@ class ImportanceDriven(Method):
     floor: float = 0.08
     rays_per_chunk: int = RAYS_PER_CHUNK
 
-    stochastic: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        check_sampling(self)
+        super().__post_init__()
         if not 0.0 <= self.brdf <= 1.0:
             raise ValueError(f"brdf must be a share from 0 to 1, got {self.brdf}")
         if self.paths < 1:
@@ -63,10 +59,6 @@ class ImportanceDriven(Method):
             raise ValueError(
                 f"floor must be above 0 (or light may be missed) and at most 1, got {self.floor}"
             )
-
-    def precompute(self, scene: Scene, progress: bool = True) -> RayVisibility:
-        """Nothing but the Embree tree."""
-        return RayVisibility.of(scene)
 
     def light(self, environment: Environment) -> CellLight:
         """The environment's texels by cells of the path map, each with a sampling table."""
@@ -133,9 +125,6 @@ class ImportanceDriven(Method):
             reflectance=surface.reflectance,
         )
         return directional_distribution(carried, self.floor)
-
-    def evaluations(self, visibility: RayVisibility, light: CellLight, surface: Surface) -> int:
-        return directions_integrated(self, light, surface)
 
 
 @dataclass(frozen=True)

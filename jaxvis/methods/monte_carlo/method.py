@@ -1,32 +1,31 @@
 """Monte Carlo integration of direct light, one estimator per sampling strategy."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from typing import Literal, get_args
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxvis.lighting import Environment
-from jaxvis.methods.base import Method, require_key
+from jaxvis.methods.base import require_key
 from jaxvis.methods.estimators import Counts, MonteCarloLight, proposals
 from jaxvis.methods.monte_carlo.estimate import (
+    Estimator,
     balanced_proposals,
-    check_sampling,
-    directions_integrated,
     estimate,
     halves,
 )
 from jaxvis.methods.traced import RAYS_PER_CHUNK, RayVisibility, shading_points
 from jaxvis.sampling.random import key_words
-from jaxvis.scene import Scene, Surface
+from jaxvis.scene import Surface
 from jaxvis.sphere.latlong import row_solid_angles
 
 Strategy = Literal["uniform", "environment", "brdf", "mis"]
 
 
 @dataclass(frozen=True)
-class MonteCarlo(Method):
+class MonteCarlo(Estimator):
     """Unbiased Monte Carlo with ``spp`` rays a pixel (a camera ray, with supersampling).
 
     Strategies: ``uniform`` over the hemisphere; ``environment`` in proportion to luminance times
@@ -44,21 +43,15 @@ class MonteCarlo(Method):
     compensation: bool = False
     rays_per_chunk: int = RAYS_PER_CHUNK
 
-    stochastic: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
         strategies = get_args(Strategy)
         if self.strategy not in strategies:
             raise ValueError(
                 f"strategy must be one of {', '.join(strategies)}, got {self.strategy!r}"
             )
-        check_sampling(self)
+        super().__post_init__()
         if self.compensation and self.strategy != "mis":
             raise ValueError(f"compensation needs strategy 'mis', got {self.strategy!r}")
-
-    def precompute(self, scene: Scene, progress: bool = True) -> RayVisibility:
-        """Nothing but the Embree tree."""
-        return RayVisibility.of(scene)
 
     def light(self, environment: Environment) -> MonteCarloLight:
         """The environment with its sampling table."""
@@ -94,11 +87,6 @@ class MonteCarlo(Method):
         if self.strategy == "mis":
             return halves(self.spp)
         return Counts(**{self.strategy: self.spp})
-
-    def evaluations(
-        self, visibility: RayVisibility, light: MonteCarloLight, surface: Surface
-    ) -> int:
-        return directions_integrated(self, light, surface)
 
 
 def compensated(luminance: Float[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
