@@ -154,7 +154,7 @@ class Race:
 
     seconds: float
     repeats: int
-    once: float = 2.0
+    once: float = 1.0
 
 
 @dataclass(eq=False)

@@ -22,7 +22,7 @@ from experiments.curves import Curve, Found, Frame, margin, speedup
 from experiments.equal_time_pictures import draw_curves, draw_equal_time, draw_samples
 from experiments.measuring import reference_image, white
 from experiments.mitsuba_bridge import load_mitsuba
-from experiments.output import Output
+from experiments.output import Output, markdown
 from experiments.settings import Common, execute, setting
 from jaxvis.compare import prepare
 from jaxvis.compare.setting import Setting
@@ -52,11 +52,11 @@ class Settings(Common):
     mitsuba: bool = setting(True, "race Mitsuba too, if it is installed")
     variant: str | None = setting(None, "of Mitsuba; llvm_ad_rgb if it works, else scalar_rgb")
     own_materials: bool = setting(False, "instead of white diffuse; without Mitsuba")
-    seconds: float = setting(20.0, "a method's last frame is the first that takes longer")
-    samples: int = setting(8192, "most samples a pixel")
+    seconds: float = setting(4.0, "a method's last frame is the first that takes longer")
+    samples: int = setting(4096, "most samples a pixel")
     error: float = setting(0.005, "standard error of the reference, relative to its mean")
-    peer_spp: int = setting(4096, "samples a pixel of Mitsuba's converged image")
-    repeats: int = setting(5, "rounds of timing")
+    peer_spp: int = setting(2048, "samples a pixel of Mitsuba's converged image")
+    repeats: int = setting(3, "rounds of timing")
 
 
 def measure(
@@ -222,7 +222,9 @@ def race(settings: Settings, output: Output) -> None:
     tables: dict[str, list[dict[str, Any]]] = {name: [] for name in TITLES}
     for environment in settings.environment:
         for scene in settings.scene:
-            for name, rows in measure(settings, output, scene, environment, mi).items():
+            found = measure(settings, output, scene, environment, mi)
+            output.say(f"{scene}, {environment}:\n\n{markdown(found['best'])}")
+            for name, rows in found.items():
                 tables[name] += rows
     peer = "" if mi is None else f", Mitsuba {mi.__version__} ({mi.variant()})"
     output.say(f"{settings.size[0]} x {settings.size[1]}, one seed{peer}")

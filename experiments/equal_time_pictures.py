@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -35,12 +36,14 @@ def draw_curves(path: Path, curves: Sequence[Curve], precomputed: set[str]) -> N
     """
     figure = Figure((12.5, 5.0), layout="constrained")
     left, right = figure.subplots(1, 2)
+    colours = colormaps["tab20"].colors
+    colours = [*colours[::2], *colours[1::2]]
     for number, curve in enumerate(curves):
         ours = curve.name in precomputed
         frames = sorted(curve.frames, key=lambda frame: frame.seconds)
         style = {
             "label": curve.name,
-            "color": f"C{number % 10}",
+            "color": colours[number % len(colours)],
             "marker": "o" if ours else ".",
             "linewidth": 2.2 if ours else 1.2,
             "linestyle": "--" if curve.name.endswith("+denoise") else "-",

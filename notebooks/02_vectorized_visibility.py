@@ -32,8 +32,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxvis
-from jaxvis.image import display, displayed_error, exposure_of, psnr
-from jaxvis.report import draw_correspondence
+from jaxvis.report import beside_errors, draw_correspondence
 from jaxvis.sphere import polygons as spherical
 
 scene = jaxvis.load_scene("sphere-on-plane:clearance=0.4,size=8,cells=8,rows=16")
@@ -167,7 +166,6 @@ truth = np.asarray(
         reference.precompute(scene), reference.light(environment), surface, key=jax.random.key(0)
     )
 )
-exposure = exposure_of(truth, mask)
 
 settings = {
     "vertex": {"shading": "vertex"},
@@ -175,35 +173,16 @@ settings = {
     "tessellated, ζ = 2": {"zeta": 2.0},
     "fragment": {"shading": "fragment"},
 }
-images, evaluations = {"reference": truth}, {}
+images, evaluations = {}, {}
 for name, parameters in settings.items():
     vectorized = jaxvis.VectorizedVisibility(vectors=64, resolution=48, **parameters)
     light = vectorized.light(environment)
     images[name] = np.asarray(vectorized.shade(visibility, light, surface))
     evaluations[name] = vectorized.evaluations(visibility, light, surface)
 
-
-def beside_errors(images):
-    """Each image above its error, on one scale."""
-    figure, axes = plt.subplots(
-        2, len(images), figsize=(3 * len(images), 4.8), layout="constrained", squeeze=False
-    )
-    for column, (name, image) in zip(axes.T, images.items(), strict=True):
-        quality = "" if image is truth else f"\n{psnr(image, truth, mask):.1f} dB"
-        darker = 0.6 * exposure  # white on white shows little
-        column[0].imshow(np.where(mask[..., None], display(image, darker), 1))
-        column[0].set_title(name + quality)
-        if image is not truth:
-            error = displayed_error(image, truth, mask, exposure)
-            shown = column[1].imshow(np.where(mask, error, np.nan), cmap="magma", vmin=0, vmax=0.2)
-        for axis in column:
-            axis.set_axis_off()
-    figure.colorbar(shown, ax=axes[1], label="error (1 = white)")
-
-
-beside_errors(images)
 for name, count in evaluations.items():
     print(f"{name:20} {count:7d} polygons integrated")
+beside_errors(images, truth, mask, brightness=0.6, columns=5)
 
 # %% [markdown]
 # ## Three polygons, or one
@@ -270,7 +249,9 @@ one = np.asarray(per_pixel.shade(corresponding, light, surface))
 count = per_pixel.evaluations(corresponding, light, surface)
 print(f"polygons: vectorized {evaluations['fragment']}, correspondence {count}")
 print(f"{np.mean(np.asarray(corresponding.separate)):.1%} of the faces separate")
-beside_errors({"reference": truth, "vectorized": images["fragment"], "correspondence": one})
+beside_errors(
+    {"vectorized": images["fragment"], "correspondence": one}, truth, mask, brightness=0.6
+)
 
 # %% [markdown]
 # The plane's triangles are coarse here, so that errors show: both err where silhouettes change

@@ -33,7 +33,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxvis
-from jaxvis.image import display, displayed_error, exposure_of, psnr
+from jaxvis.image import display, exposure_of
+from jaxvis.report import beside_errors
 
 size = (144, 108)
 scene = jaxvis.load_scene("torus-on-plane:cells=24,around=48")
@@ -136,33 +137,13 @@ truth = np.asarray(
         reference.precompute(scene), reference.light(environment), surface, key=jax.random.key(0)
     )
 )
-exposure = exposure_of(truth, mask)
 images = {}
 for lobes, count in (("cells", 256), ("fitted", 32)):
     method = jaxvis.DistanceField(resolution=64, lights=count, lobes=lobes)
     image = method.shade(fields, method.light(environment), surface)
     images[f"every vertex, {lobes}, {count}"] = np.asarray(image)
 
-
-def beside_errors(images):
-    """Each image above its error, on one scale."""
-    figure, axes = plt.subplots(
-        2, len(images), figsize=(3.4 * len(images), 5), layout="constrained", squeeze=False
-    )
-    for column, (name, image) in zip(axes.T, images.items(), strict=True):
-        quality = "" if image is truth else f"\n{psnr(image, truth, mask):.1f} dB"
-        darker = 0.6 * exposure  # white on white shows little
-        column[0].imshow(np.where(mask[..., None], display(image, darker), 1))
-        column[0].set_title(name + quality)
-        if image is not truth:
-            error = displayed_error(image, truth, mask, exposure)
-            shown = column[1].imshow(np.where(mask, error, np.nan), cmap="magma", vmin=0, vmax=0.1)
-        for axis in column:
-            axis.set_axis_off()
-    figure.colorbar(shown, ax=axes[1], label="error (1 = white)")
-
-
-beside_errors({"reference": truth, **images})
+beside_errors(images, truth, mask, brightness=0.6)
 
 # %% [markdown]
 # ## Most maps are foretold by their neighbours
@@ -197,7 +178,9 @@ for axis, (name, found) in zip(axes, sampled.items(), strict=True):
     axis.invert_yaxis()
 figure.colorbar(shown, ax=axes, label="height above the plane")
 
-beside_errors({"every vertex": images["every vertex, cells, 256"], **adaptive})
+beside_errors(
+    {"every vertex": images["every vertex, cells, 256"], **adaptive}, truth, mask, brightness=0.6
+)
 for name, found in {"every vertex": fields, **sampled}.items():
     print(f"{name:15} {len(found.samples):5d} maps {found.rays_traced:9,d} rays ", end="")
     print(f"{found.nbytes / 1e6:6.2f} MB")

@@ -30,7 +30,8 @@ def scripts() -> set[str]:
     return {
         path.stem
         for path in FOLDER.glob("*.py")
-        if path.stem not in ("__main__", "results") and '__name__ == "__main__"' in path.read_text()
+        if path.stem not in ("__main__", "results")
+        and '\nif __name__ == "__main__":' in path.read_text()
     }
 
 

@@ -8,14 +8,11 @@ import numpy as np
 from jaxtyping import Float, Float32
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from jaxvis.compare import Comparison
-from jaxvis.compare.result import REFERENCE
-from jaxvis.report import numbers
 
 ERROR_RANGE = (1.0 / 255.0, 1.0)
 """Ends of the error scale, in display units: from one step of an 8-bit display to black on white.
@@ -59,41 +56,6 @@ def scale_position(value: float) -> float:
 def tick_text(value: float) -> str:
     """The label of a tick of the error scale."""
     return "1/255" if value == ERROR_TICKS[0] else f"{value:g}"
-
-
-def sheet(comparison: Comparison, columns: int = 4) -> Figure:
-    """Every image with its error map below, in rows of ``columns``, and the error scale."""
-    cells: list[tuple[str, dict[str, Any] | None]] = [(REFERENCE, None)]
-    cells += [(row["label"], row) for row in comparison["results"] if "error" not in row]
-    columns = min(columns, len(cells))
-    blocks = -(-len(cells) // columns)
-    width, height = comparison["size"]
-    cell = 3.2
-    figure = Figure((cell * columns, blocks * (2 * cell * height / width + 0.45) + 0.75))
-    figure.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03, wspace=0, hspace=0)
-    axes = figure.subplots(2 * blocks, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.set_axis_off()
-    for index, (label, row) in enumerate(cells):
-        above, column = 2 * (index // columns), index % columns
-        axes[above, column].imshow(comparison.shown(label), interpolation="nearest")
-        title = label if row is None else f"{label}\n{_caption(row)}"
-        axes[above, column].set_title(title, fontsize=9, parse_math=False)
-        if row is not None:
-            coloured = error_map(comparison.error(label), comparison.covered)
-            axes[above + 1, column].imshow(coloured, interpolation="nearest")
-    mappable = ScalarMappable(LogNorm(*ERROR_RANGE), ERROR_MAP)
-    bar = figure.colorbar(
-        mappable, ax=axes, location="bottom", aspect=60, shrink=min(1.0, 2.5 / columns), pad=0.01
-    )
-    bar.set_ticks(ERROR_TICKS, labels=[tick_text(t) for t in ERROR_TICKS], fontsize=8)
-    bar.minorticks_off()
-    bar.set_label(ERROR_LABEL, fontsize=8)
-    return figure
-
-
-def _caption(row: dict[str, Any]) -> str:
-    return f"{numbers.decibels(row)} dB, {numbers.seconds(row['frame_s'])}"
 
 
 def psnr_over_time(comparison: Comparison, ink: str = "#222222") -> Figure:

@@ -16,6 +16,7 @@ from jaxvis.image import write_image
 from jaxvis.report import figures
 from jaxvis.report.page import html
 from jaxvis.report.sections import Section
+from jaxvis.report.sheets import sheet
 from jaxvis.report.tables import csv, markdown
 
 
@@ -47,7 +48,7 @@ def write_report(
         if "error" not in row
     ]
     writers += [
-        lambda: _write(folder / "comparison.png", _png(figures.sheet(comparison), 130)),
+        lambda: _write(folder / "comparison.png", _png(sheet(comparison), 130)),
         lambda: _write(folder / "psnr_over_time.png", _plot(comparison)),
         lambda: _write(folder / "results.md", markdown(comparison).encode()),
         lambda: _write(folder / "results.csv", csv(comparison).encode()),

@@ -149,7 +149,7 @@ def test_it_is_what_a_camera_at_the_point_sees_reflected():
     scene = replace(SCENES[2].with_material(material, Lambert()), uvs=uvs.astype(np.float32))
     place = np.array([1.6, 0.0, 0.3])
     surface = at(scene, place)
-    size = 40
+    size = 32
     plain = Reference(subdivision=6)
     total = np.zeros(3)
     # Pixels at (u, v, 1) of a cube's face cover (1 + u^2 + v^2)^(-3/2) (2 / size)^2.

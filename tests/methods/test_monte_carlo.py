@@ -47,9 +47,9 @@ def standard_errors_apart(samples, truth):
 @pytest.mark.parametrize("known", SCENES, ids=lambda known: known.name)
 def test_means_agree_with_the_reference(known, material):
     scene, surface = known.load(), known.surface(*MATERIALS[material])
-    truth = exact(scene, contrasted(), surface)
+    truth = exact(scene, contrasted(), surface, subdivision=8)
     for name, method in ESTIMATORS.items():
-        samples = renders(method, scene, contrasted(), surface)
+        samples = renders(method, scene, contrasted(), surface, count=10)
         assert np.all(np.isfinite(samples))
         apart = standard_errors_apart(samples, truth)
         assert np.all(np.abs(apart) < 4.0), f"{name}: {apart} standard errors"

@@ -103,14 +103,14 @@ def test_a_subset_errs_by_what_it_states(name):
     material, reflectance = MATERIALS[name]
     surface = known.surface(material, reflectance)
     environment = contrasted()
-    exact = solve(Reference(subdivision=24), known.load(), environment, surface)
+    exact = solve(Reference(subdivision=16), known.load(), environment, surface)
     subset = solve(Reference(error=0.01), known.load(), environment, surface)
     assert exact.error == 0.0
     assert 0.0 < subset.error <= 0.01
     covered = np.asarray(surface.mask)
     difference = np.asarray(subset.image - exact.image)[covered]
     error = np.sqrt(np.mean(difference**2)) / np.asarray(exact.image)[covered].mean()
-    assert error < 2.5 * subset.error + 2e-3  # the second term: what 24^2 points a texel leave
+    assert error < 2.5 * subset.error + 2e-3  # the second term: what 16^2 points a texel leave
     assert error > 0.1 * subset.error
     finer = solve(Reference(error=0.004), known.load(), environment, surface)
     assert finer.directions > subset.directions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxvis.compare import Comparison
-from jaxvis.report import figures
+from jaxvis.report import beside_errors, figures
 
 
 def test_error_map_uses_one_fixed_logarithmic_scale():
@@ -52,3 +52,24 @@ def test_names_at_the_edge_do_not_overlap(comparison):
     assert len(heights) == 12
     assert np.diff(heights).min() > 0.05
     assert heights[-1] <= 1.0 + 1e-9
+
+
+def test_images_stand_beside_their_errors():
+    reference = np.ones((4, 6, 3), np.float32)
+    covered = np.ones((4, 6), bool)
+    covered[0, 0] = False
+    images = {"the same": reference, "darker": 0.5 * reference}
+    figure = beside_errors(images, reference, covered, brightness=0.25)
+    above, below = figure.axes[:3], figure.axes[3:6]
+    titles = [axis.get_title() for axis in above]
+    assert titles[0] == "reference"
+    assert titles[1] == "the same\ninf dB"
+    # One exposure shows the reference as 1 and the other as sRGB's 0.5.
+    assert titles[2] == f"darker\n{-20.0 * np.log10(1.0 - 0.7353569):.1f} dB"
+    shown = above[0].images[0].get_array()
+    np.testing.assert_allclose(shown[0, 0], 1.0)  # outside it is white
+    np.testing.assert_allclose(shown[2, 2], 0.5370987, atol=1e-6)  # sRGB of a quarter
+    assert not below[0].images
+    same, darker = (axis.images[0].get_array() for axis in below[1:])
+    assert same[0, 0, 3] == 0.0
+    assert (darker[2, 2, :3] > same[2, 2, :3]).all()

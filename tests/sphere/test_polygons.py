@@ -10,8 +10,6 @@ from jaxvis.sphere.polygons import Directions
 
 from .contour_oracle import about, arcs, circle, directions_of, points_of, star, unit, winding
 
-pytestmark = pytest.mark.usefixtures("optimised")
-
 seen_from = jax.jit(polygons.seen_from)
 clamp = jax.jit(polygons.clamp_to_hemisphere)
 retract = jax.jit(polygons.retract_to_cap)

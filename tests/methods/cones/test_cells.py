@@ -313,14 +313,14 @@ def test_a_ridge_takes_light_and_gradients_are_finite():
     near, far = light(2.0 * HALF)
     assert near < far < np.pi + 1e-3
     assert near < 0.9 * np.pi
-    assert np.isfinite(jax.jacfwd(light)(2.0 * HALF)).all()
+    assert np.isfinite(jax.jit(jax.jacfwd(light))(2.0 * HALF)).all()
 
     def lit(scale):
         colours = tuple(scale * jnp.ones_like(maps.heights, jnp.float32) for _ in range(3))
         coloured = Lightmaps(None, (), maps.plan, maps.heights, colours, maps.ranges)
         return cone_radiosity(coloured, sky_of_one(), points, 2.0 * HALF, march).sum()
 
-    slope = jax.grad(lit)(1.0)
+    slope = jax.jit(jax.grad(lit))(1.0)
     # Light is linear in what the heights send.
     np.testing.assert_allclose(slope, lit(2.0) - lit(1.0), rtol=1e-4)
     assert slope > 0.1

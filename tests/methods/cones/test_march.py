@@ -271,7 +271,7 @@ def test_gradients_are_finite_differences():
     along = np.linspace(0.2, 0.8, SIDE, dtype=np.float32)
     albedo_2d = np.repeat(np.repeat(along, SIDE)[:, None], 3, axis=1)
     start = [jnp.asarray(v) for v in (ALBEDO, albedo_2d, np.float32(1.0), np.float32(0.9))]
-    slopes = jax.grad(value, argnums=(0, 1, 2, 3))(*start)
+    slopes = jax.jit(jax.grad(value, argnums=(0, 1, 2, 3)))(*start)
     steps = [0.25 * v for v in start[:3]] + [jnp.float32(0.005)]
     for which, (slope, step) in enumerate(zip(slopes, steps, strict=True)):
         up, down = (

@@ -132,18 +132,19 @@ def test_gradients_through_directions_and_distances_are_differences():
     field, frames = jnp.asarray(random_field(1, 16)), jnp.asarray(random_frames(1))
     sample = jnp.zeros((), jnp.int32)
 
+    @jax.jit
     def along(direction):
         x, y, z = direction / jnp.linalg.norm(direction)
         return distance_at(field, sample, x, y, z)
 
-    step = 1e-3
+    step, slope = 1e-3, jax.jit(jax.grad(along))
     for direction in random_directions(20, seed=3):
         local = np.asarray(direction, np.float64)
         rows, columns = (angle * 16 / np.pi - 0.5 for angle in angles(local[None]))
         # Differences that straddle a kink tell nothing.
         if min(abs(rows % 1 - 0.5), abs(columns % 1 - 0.5)) > 0.45 or local[2] < 0.1:
             continue
-        gradient = np.asarray(jax.grad(along)(jnp.asarray(direction)))
+        gradient = np.asarray(slope(jnp.asarray(direction)))
         for axis in np.eye(3):
             ends = [
                 float(along(jnp.asarray(direction + sign * step * axis, jnp.float32)))
@@ -151,7 +152,7 @@ def test_gradients_through_directions_and_distances_are_differences():
             ]
             assert gradient @ axis == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=0.06)
     directions = jnp.asarray(random_directions(50))
-    weights = jax.grad(lambda f: signed_distances_at(f, frames, directions).sum())(field)
+    weights = jax.jit(jax.grad(lambda f: signed_distances_at(f, frames, directions).sum()))(field)
     # Bilinear weights of each direction add up to 1.
     assert float(weights.sum()) == pytest.approx(50.0, rel=1e-2)
 

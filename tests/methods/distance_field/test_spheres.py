@@ -190,13 +190,13 @@ def test_lamps_that_move_compile_nothing_anew():
 def test_the_hat_under_a_lamp():
     """The picture of an animated scene, in the dark but for one lamp close by."""
     scene = load_scene("hat")
-    surface = trace_surface(scene, scene.camera, (64, 48))
+    surface = trace_surface(scene, scene.camera, (48, 36))
     environment = (
         contrasted()
         .scale(0.0)
         .with_spheres(SphereLights.of([(0.4, 1.2, 0.3)], [0.05], [(40.0, 36.0, 30.0)]))
     )
-    truth = Reference()
+    truth = Reference(error=0.01)
     wanted = np.asarray(truth.shade(truth.precompute(scene), truth.light(environment), surface))
     method = AdaptiveVisibility(resolution=64, lights=8)
     fields = method.precompute_for(scene, surface, progress=False)

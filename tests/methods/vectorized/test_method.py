@@ -225,7 +225,7 @@ def test_vmap_and_jit_over_lights():
 
     expected = np.stack([shade(radiance) for radiance in maps])
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(jax.vmap(shade)(maps), expected, atol=2e-5 * scale)
+    np.testing.assert_allclose(jax.jit(jax.vmap(shade))(maps), expected, atol=2e-5 * scale)
     np.testing.assert_allclose(jax.jit(shade)(maps[1]), expected[1], atol=2e-5 * scale)
 
 
@@ -307,6 +307,7 @@ def test_gradients_of_glossy_images_are_finite_and_reach_the_roughness():
         material = replace(surface.material, roughness=rough)
         return jnp.mean(method.shade(visibility, light, replace(surface, material=material)))
 
+    mean = jax.jit(mean)
     gradient = float(jax.grad(mean)(0.0))
     assert np.isfinite(gradient)
     assert gradient == pytest.approx(slope(mean, 0.01), rel=0.1)
@@ -376,5 +377,5 @@ def test_light_is_differentiable_with_respect_to_the_environment():
         environment = as_environment(contrasted().radiance * factor)
         return jnp.mean(method.shade(visibility, method.light(environment), surface))
 
-    value, gradient = jax.value_and_grad(mean)(1.0)
+    value, gradient = jax.jit(jax.value_and_grad(mean))(1.0)
     assert float(gradient) == pytest.approx(float(value), rel=1e-4)

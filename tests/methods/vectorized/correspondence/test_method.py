@@ -131,7 +131,7 @@ def test_vmap_and_jit_over_lights():
 
     expected = np.stack([shade(radiance) for radiance in maps])
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(jax.vmap(shade)(maps), expected, atol=2e-5 * scale)
+    np.testing.assert_allclose(jax.jit(jax.vmap(shade))(maps), expected, atol=2e-5 * scale)
     np.testing.assert_allclose(jax.jit(shade)(maps[1]), expected[1], atol=2e-5 * scale)
     with pytest.raises(ValueError, match="shade_planned"):
         jax.jit(lambda light: method.shade(visibility, light, surface))(light_of())
@@ -171,7 +171,7 @@ def test_gradients_of_glossy_images_reach_the_roughness():
         seen = replace(surface, material=material)
         return jnp.mean(method.shade(visibility, light_of("lobes"), seen))
 
-    gradient = float(jax.grad(mean)(0.0))
+    gradient = float(jax.jit(jax.grad(mean))(0.0))
     assert np.isfinite(gradient)
     assert abs(gradient) > 1e-8
 
