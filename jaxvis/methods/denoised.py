@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+from scipy.ndimage import distance_transform_edt
 
 from jaxvis.image.denoise import denoise, denoiser
 from jaxvis.lighting import Environment
@@ -63,9 +64,12 @@ class Denoised(Method):
     ) -> Float[Array, "height width 3"]:
         """The method's image without its noise; 0 where no pixel sees the scene."""
         noisy = self.method.shade(visibility, light, surface, key=key, progress=progress)
-        albedo, normal, covered = _guides(surface)
-        clean = denoise(noisy, albedo, normal)
-        return jnp.asarray(np.where(np.asarray(covered), clean, np.float32(0.0)))
+        albedo, normal, covered = map(np.asarray, _guides(surface))
+        if not covered.any():
+            return noisy
+        images = (continued(np.asarray(image), covered) for image in (noisy, albedo, normal))
+        clean = denoise(*images)
+        return jnp.asarray(np.where(covered[..., None], clean, np.float32(0.0)))
 
     def evaluations(self, visibility: Any, light: Any, surface: Surface) -> int:
         return self.method.evaluations(visibility, light, surface)
@@ -80,10 +84,21 @@ class Denoised(Method):
         return getattr(self.method, "spp")  # noqa: B009
 
 
+def continued(
+    image: Float[np.ndarray, "height width 3"], covered: Bool[np.ndarray, "height width"]
+) -> Float[np.ndarray, "height width 3"]:
+    """Every pixel that sees no scene as the nearest one that does.
+
+    Denoisers let the black beside an outline darken what is inside of it.
+    """
+    row, column = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    return image[row, column]
+
+
 @jax.jit
 def _guides(surface: Surface) -> tuple[Array, Array, Array]:
     """Albedo and normal, means over each pixel's rays, and which pixels see the scene."""
     material = surface.material
     albedo = jnp.clip(material.base_colour + material.specular, 0.0, 1.0)
-    covered = surface.coverage[..., None] > 0.0
+    covered = surface.coverage > 0.0
     return surface.to_image(albedo), surface.to_image(surface.normal), covered

@@ -10,7 +10,9 @@ import pytest
 
 from jaxvis import cli, methods
 from jaxvis.compare import compare
+from jaxvis.image.denoise import denoise
 from jaxvis.methods import Denoised, ImportanceDriven, MonteCarlo, Reference
+from jaxvis.methods.denoised import continued
 from jaxvis.scene import trace_surface
 from tests.methods.known_scenes import MATERIALS, SCENES, KnownScene, contrasted, uniform_light
 
@@ -140,3 +142,26 @@ def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_
 def test_the_listing_tells_of_the_suffix(capsys):
     assert cli.main(["methods"]) == 0
     assert "+denoise" in capsys.readouterr().out
+
+
+def test_continued_images_are_those_of_the_nearest_pixel_that_sees_the_scene():
+    image = np.arange(12.0, dtype=np.float32).reshape(1, 4, 3)
+    covered = np.array([[False, True, False, False]])
+    np.testing.assert_array_equal(continued(image, covered), np.tile(image[:, 1:2], (1, 4, 1)))
+    np.testing.assert_array_equal(continued(image, np.ones((1, 4), bool)), image)
+
+
+def test_the_black_beside_an_outline_does_not_darken_it():
+    y, x = np.mgrid[:64, :64] - 31.5
+    covered = x * x + y * y < 24.0**2
+    rng = np.random.default_rng(0)
+    noise = rng.exponential(0.8, (64, 64, 1)) * np.ones(3)
+    flat = [noise, np.full((64, 64, 3), 0.8), np.broadcast_to([0.0, 0.0, 1.0], (64, 64, 3))]
+    plain = [np.where(covered[..., None], image, 0.0).astype(np.float32) for image in flat]
+    rim = covered & (x * x + y * y > 22.0**2)
+
+    def at_rim(images):
+        return float(denoise(*images)[rim].mean())
+
+    assert at_rim(continued(image, covered) for image in plain) == pytest.approx(0.8, rel=0.1)
+    assert at_rim(plain) < 0.7  # negative control
