@@ -36,7 +36,7 @@ import numpy as np
 
 import jaxvis
 from jaxvis.image import display, displayed_error, exposure_of, psnr, rmse, write_image
-from jaxvis.report.figures import psnr_over_time, sheet
+from jaxvis.report import psnr_over_time, sheet
 
 # %% [markdown]
 # ## A scene and an environment

@@ -403,3 +403,9 @@ for name, variant, visibility in (
     images[name] = np.asarray(variant.shade(visibility, lit, view, key=key))
     print(f"{name:22} {visibility.rays_traced - before:9,d} rays traced")
 beside_errors(images, correct, seen)
+
+# %% [markdown]
+# With the field, noise and all, the image is as good as without, for less than a third of the rays.
+# Nine harmonics, on the other hand, cannot tell where the sun is: they lose its shadow, whatever
+# the rays. Among other methods the field is `visibility-field:lighting=environment` in `jaxvis
+# compare`.

@@ -38,8 +38,7 @@ from IPython.display import Markdown
 
 import jaxvis
 from jaxvis.image import display, psnr
-from jaxvis.report import beside_errors
-from jaxvis.report.figures import psnr_over_time
+from jaxvis.report import beside_errors, psnr_over_time
 
 scene = jaxvis.load_scene("torus-on-plane:cells=20,around=28")
 environment = jaxvis.load_environment("windows").resize(64)

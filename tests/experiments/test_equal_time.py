@@ -72,7 +72,7 @@ def test_a_small_race(tmp_path, capsys):
         scene=("sphere-on-plane",),
         environment=("windows",),
         size=(24, 24),
-        methods=("distance-field:resolution=16,lights=8",),
+        methods=("distance-field:resolution=32,lights=256",),
         estimators=("mc-ides",),
         denoised=(),
         mitsuba=False,
@@ -87,7 +87,7 @@ def test_a_small_race(tmp_path, capsys):
     found = [(row["method"], row["setting"]) for row in rows]
     samples = ["1 spp", "2 spp", "4 spp"]
     assert found == [
-        ("distance-field:resolution=16,lights=8", ""),
+        ("distance-field:resolution=32,lights=256", ""),
         *(("mc-ides", setting) for setting in samples),
     ]
     quality = {key: float(row["PSNR dB"]) for key, row in zip(found, rows, strict=True)}

@@ -131,13 +131,19 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
     def listed(values: np.ndarray) -> Array:
         return jnp.asarray(_padded(values, count))
 
+    def material(leaf: Array) -> Array:
+        if isinstance(leaf, jax.core.Tracer):  # differentiated, which the host cannot be
+            pixels = leaf.reshape(-1, *leaf.shape[2:])[pixel]
+            return jnp.pad(pixels, [(0, count - len(pixel)), *[(0, 0)] * (leaf.ndim - 2)])
+        return listed(gather(leaf))
+
     fragments = Fragments(
         listed(row[corners]),
         listed(gather(surface.barycentrics)),
         listed(gather(surface.normal)),
         listed(gather(surface.view)),
         listed(gather(surface.position)),
-        jax.tree.map(lambda leaf: listed(gather(leaf)), surface.material),
+        jax.tree.map(material, surface.material),
     )
     return View(
         jnp.asarray(_padded(np.asarray(fields.near)[vertex], rows)),

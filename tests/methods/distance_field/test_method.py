@@ -367,3 +367,17 @@ def test_evaluations_are_lobes_times_pixels():
     assert EVERY.evaluations(fields_of("distance-field", BOX), light_of("uniform"), surface) == (
         count * int(light_of("uniform").sharpness.shape[0])
     )
+
+
+def test_shade_is_differentiable_in_the_material():
+    """A diffuse image is linear in its albedo."""
+    fields, light, surface = fields_of("distance-field", BOX), light_of("uniform"), surface_of(BOX)
+
+    def mean(scale):
+        colour = scale * surface.material.base_colour
+        lit = replace(surface, material=replace(surface.material, base_colour=colour))
+        return jnp.mean(EVERY.shade(fields, light, lit))
+
+    value, slope = jax.value_and_grad(mean)(1.0)
+    assert float(value) > 0.1
+    assert float(slope) == pytest.approx(float(value), rel=1e-4)
