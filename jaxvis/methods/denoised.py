@@ -91,8 +91,8 @@ def continued(
 
     Denoisers let the black beside an outline darken what is inside of it.
     """
-    row, column = distance_transform_edt(~covered, return_distances=False, return_indices=True)
-    return image[row, column]
+    nearest: Any = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    return image[tuple(nearest)]
 
 
 @jax.jit

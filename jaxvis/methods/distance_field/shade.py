@@ -132,7 +132,7 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
         return jnp.asarray(_padded(values, count))
 
     def material(leaf: Array) -> Array:
-        if isinstance(leaf, jax.core.Tracer):  # differentiated, which the host cannot be
+        if isinstance(leaf, Tracer):  # differentiated, which the host cannot be
             pixels = leaf.reshape(-1, *leaf.shape[2:])[pixel]
             return jnp.pad(pixels, [(0, count - len(pixel)), *[(0, 0)] * (leaf.ndim - 2)])
         return listed(gather(leaf))
