@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -23,14 +21,7 @@ from experiments.output import Output, Row
 from experiments.settings import Common, execute, setting
 from jaxvis.image import display, displayed_error, exposure_of, psnr
 from jaxvis.methods import create
-from jaxvis.report.figures import (
-    ERROR_LABEL,
-    ERROR_MAP,
-    ERROR_RANGE,
-    ERROR_TICKS,
-    error_map,
-    tick_text,
-)
+from jaxvis.report.figures import error_map, error_scale
 from jaxvis.scene import Scene, Surface
 
 METHODS = {
@@ -110,11 +101,7 @@ def figure(
         corner = column - 0.5, row - 0.5
         box = Rectangle(corner, side, side, fill=False, edgecolor="#ffb000", linewidth=1.2)
         axes[0, 0].add_patch(box)
-    scale = ScalarMappable(LogNorm(*ERROR_RANGE), ERROR_MAP)
-    bar = drawing.colorbar(scale, ax=axes, location="bottom", shrink=0.5, aspect=60)
-    bar.set_ticks(ERROR_TICKS, labels=[tick_text(tick) for tick in ERROR_TICKS], fontsize=8)
-    bar.minorticks_off()
-    bar.set_label(ERROR_LABEL, fontsize=8)
+    error_scale(drawing, axes, shrink=0.5)
     return drawing
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
@@ -56,6 +57,15 @@ def scale_position(value: float) -> float:
 def tick_text(value: float) -> str:
     """The label of a tick of the error scale."""
     return "1/255" if value == ERROR_TICKS[0] else f"{value:g}"
+
+
+def error_scale(figure: Figure, axes: Any, **options: Any) -> None:
+    """The colour bar of :func:`error_map` below the axes; ``options`` are matplotlib's."""
+    scale = ScalarMappable(LogNorm(*ERROR_RANGE), ERROR_MAP)
+    bar = figure.colorbar(scale, ax=axes, location="bottom", aspect=60, **options)
+    bar.set_ticks(ERROR_TICKS, labels=[tick_text(tick) for tick in ERROR_TICKS], fontsize=8)
+    bar.minorticks_off()
+    bar.set_label(ERROR_LABEL, fontsize=8)
 
 
 def psnr_over_time(comparison: Comparison, ink: str = "#222222") -> Figure:

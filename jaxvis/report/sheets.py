@@ -5,22 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from jaxvis.compare import Comparison
 from jaxvis.compare.result import REFERENCE
 from jaxvis.image import display, displayed_error, exposure_of, psnr
 from jaxvis.report import numbers
-from jaxvis.report.figures import (
-    ERROR_LABEL,
-    ERROR_MAP,
-    ERROR_RANGE,
-    ERROR_TICKS,
-    error_map,
-    tick_text,
-)
+from jaxvis.report.figures import error_map, error_scale
 
 CELL = 3.2
 """Inches from one picture to the next."""
@@ -93,13 +84,7 @@ def sheet_of(tiles: Sequence[Tile], columns: int) -> Figure:
         axes[above, column].set_title(tile.title, fontsize=9, parse_math=False)
         if tile.error is not None:
             axes[above + 1, column].imshow(tile.error, interpolation="nearest")
-    mappable = ScalarMappable(LogNorm(*ERROR_RANGE), ERROR_MAP)
-    bar = figure.colorbar(
-        mappable, ax=axes, location="bottom", aspect=60, shrink=min(1.0, 2.5 / columns), pad=0.01
-    )
-    bar.set_ticks(ERROR_TICKS, labels=[tick_text(t) for t in ERROR_TICKS], fontsize=8)
-    bar.minorticks_off()
-    bar.set_label(ERROR_LABEL, fontsize=8)
+    error_scale(figure, axes, shrink=min(1.0, 2.5 / columns), pad=0.01)
     return figure
 
 
