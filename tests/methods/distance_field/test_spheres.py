@@ -203,7 +203,7 @@ def test_the_hat_under_a_lamp():
     image = np.asarray(method.shade(fields, method.light(environment), surface))
     mask = np.asarray(surface.coverage) > 0.0
     found = psnr(image, wanted, mask)
-    assert found > 33.0  # 34.4; 43.5 at 320 x 240 with maps of 128 texels
+    assert found > 33.0  # 43.5 at 320 x 240 with maps of 128 texels
     # The shadow on its other side is another picture.
     mirrored = environment.with_spheres(
         SphereLights.of([(-0.4, 1.2, 0.3)], [0.05], [(40.0, 36.0, 30.0)])
