@@ -14,6 +14,8 @@ from jaxvis.scene import Camera, build_scene, trace_surface
 from jaxvis.sphere import latlong
 from tests.methods.known_scenes import MATERIALS, SCENES, contrasted, uniform_light
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 WHITE = Material(base_colour=(1.0,) * 3)
 
 

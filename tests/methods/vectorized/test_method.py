@@ -276,14 +276,15 @@ def test_gradients_are_those_of_finite_differences(shading):
         return jnp.sum((method.shade_planned(visibility, light, seen, plan) - target) ** 2)
 
     at = texels, surface.material.base_colour, jnp.float32(5.0)
-    gradients = jax.jit(jax.grad(loss, argnums=(0, 1, 2)))(*at)
-    value = jax.jit(loss)
+    value_and_gradients = jax.jit(jax.value_and_grad(loss, argnums=(0, 1, 2)))
+    _, gradients = value_and_gradients(*at)
     for which, step in ((0, 0.1), (1, 0.05), (2, 0.5)):
         # The steepest way: the image itself is rounded to a few 1e-5.
         way = gradients[which] / jnp.linalg.norm(gradients[which])
 
         def moved(amount, which=which, way=way):
-            return value(*(x + amount * way if k == which else x for k, x in enumerate(at)))
+            moved_to = (x + amount * way if k == which else x for k, x in enumerate(at))
+            return value_and_gradients(*moved_to)[0]
 
         along = float(jnp.sum(gradients[which] * way))
         assert along == pytest.approx(slope(moved, step), rel=0.02)
@@ -307,10 +308,10 @@ def test_gradients_of_glossy_images_are_finite_and_reach_the_roughness():
         material = replace(surface.material, roughness=rough)
         return jnp.mean(method.shade(visibility, light, replace(surface, material=material)))
 
-    mean = jax.jit(mean)
-    gradient = float(jax.grad(mean)(0.0))
+    mean_and_gradient = jax.jit(jax.value_and_grad(mean))
+    gradient = float(mean_and_gradient(0.0)[1])
     assert np.isfinite(gradient)
-    assert gradient == pytest.approx(slope(mean, 0.01), rel=0.1)
+    assert gradient == pytest.approx(slope(lambda at: mean_and_gradient(at)[0], 0.01), rel=0.1)
 
 
 def test_precomputation_is_cached_by_geometry_sides_and_parameters(monkeypatch):

@@ -112,7 +112,7 @@ def _staircase(links, length, directions, counts, step, moves, out):
                 last[k] = last[k] + (link[k] - last[k]) % counts[k] if i else link[k]
                 at[i, k] = last[k]
     at[length] = at[0] + counts
-    size, start = 0, 0
+    size, start = np.int64(0), 0  # not a literal, which would be a type of its own
     for stop in range(1, length + 1):
         if at[stop].min() >= 0:
             anchors = at[start : stop + 1]
@@ -126,17 +126,20 @@ def _between_anchors(at, directions, counts, step, moves, out, size):
     """Appends the cheapest path from the first of ``at`` until before the last."""
     run = at[-1] - at[0]
     low, partials = at[0], at[1:-1]
+    # Literals would be types of their own, and functions compiled for each.
+    each, every = np.int64(1), np.int64(COARSE)
     whole = _all_of(run)
     window = whole
     if (run + 1).prod() > LARGEST_WHOLE:
-        coarse, none = run // COARSE, partials[:0]
-        _cheapest(low, coarse, COARSE, _all_of(coarse), none, directions, counts, step, moves)
+        # Of the type of run, for which the functions are compiled.
+        coarse, none = (run // COARSE).astype(np.int32), partials[:0]
+        _cheapest(low, coarse, every, _all_of(coarse), none, directions, counts, step, moves)
         window = _around(_walk(coarse, moves), run)
-    found = _cheapest(low, run, 1, window, partials, directions, counts, step, moves)
+    found = _cheapest(low, run, each, window, partials, directions, counts, step, moves)
     if not found:
-        found = _cheapest(low, run, 1, whole, partials, directions, counts, step, moves)
+        found = _cheapest(low, run, each, whole, partials, directions, counts, step, moves)
     if not found:  # the partial triples contradict each other
-        _cheapest(low, run, 1, whole, partials[:0], directions, counts, step, moves)
+        _cheapest(low, run, each, whole, partials[:0], directions, counts, step, moves)
     path = _walk(run, moves)
     for i in range(len(path) - 1):
         out[size + i] = low + path[i]
