@@ -72,7 +72,7 @@ def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarra
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             arrays = {key: file[key] for key in file.files if key != "header"}
         found = (header["format"], header["kind"])
@@ -117,19 +117,53 @@ def cached_arrays(
     """The arrays cached under ``key``, or those of ``build``, stored for the next time.
 
     A damaged entry is rebuilt with a warning, one of an earlier version silently; a folder that
-    cannot be written costs only the caching. Returns (arrays, whether they came from the cache).
+    cannot be written costs only the caching. Where another process builds the same, this one waits
+    for what it stores. Returns (arrays, whether they came from the cache).
     """
     path = cache_folder() / kind / f"{key}.npz"
+    with contextlib.nullcontext() if path.exists() else _alone(path):
+        return _stored_or_built(path, kind, build)
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Holds a lock beside ``path``, after whoever holds it; a process that dies lets go.
+
+    Without locks (on Windows, in a folder that cannot be written) it holds nothing, and processes
+    may do the same work.
+    """
+    lock = path.with_name(f".{path.stem}.lock")
+    try:
+        import fcntl
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = lock.open("w")
+    except (ImportError, OSError):
+        yield
+        return
+    with file:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                lock.unlink(missing_ok=True)
+
+
+def _stored_or_built(
+    path: Path, kind: str, build: Callable[[], dict[str, Any]]
+) -> tuple[dict[str, np.ndarray], bool]:
     if path.exists():
         try:
             return load_arrays(path, kind)[0], True
         except OutdatedError:
             pass
         except ValueError as error:
-            warnings.warn(f"{error} (rebuilt now)", JaxvisWarning, stacklevel=2)
+            warnings.warn(f"{error} (rebuilt now)", JaxvisWarning, stacklevel=3)
     arrays = {name: np.asarray(value) for name, value in build().items()}
     try:
         save_arrays(path, kind, arrays)
     except OSError as error:
-        warnings.warn(f"{path}: not cached ({error.strerror})", JaxvisWarning, stacklevel=2)
+        warnings.warn(f"{path}: not cached ({error.strerror})", JaxvisWarning, stacklevel=3)
     return arrays, False

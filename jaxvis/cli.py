@@ -1,4 +1,4 @@
-"""The command line: ``jaxvis compare|render|precompute|info|methods`` (DESIGN §5).
+"""The command line: ``jaxvis compare|render|precompute|sweep|info|methods`` (DESIGN §5).
 
 Exit codes: 0 done, 1 a method failed in a comparison, 2 bad input or usage, 130 interrupted.
 Nothing heavy is imported before it is needed, so that ``jaxvis --help`` answers at once.
@@ -153,6 +153,22 @@ def _precompute(options: argparse.Namespace) -> int:
         visibility.save(folder / name)
     print(f"{Path(options.out) / name} ({numbers.memory(visibility.nbytes)} in memory)")
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from jaxvis.sweep import read_grid, run_grid
+
+    grid = read_grid(options.grid)
+    frame = run_grid(
+        grid, options.out, workers=options.workers, scheduler=options.scheduler, retry=options.retry
+    )
+    shown = ["scene", "environment", "rotate", "method", "seed", "psnr_db", "frame_s"]
+    print(frame[shown].to_string(index=False, na_rep="-"))
+    failed: Any = frame[frame["error"].notna()]
+    for values in failed[["scene", "environment", "method", "error"]].values.tolist():
+        print(f"jaxvis: failed: {': '.join(map(str, values))}", file=sys.stderr)
+    print(f"\n{Path(options.out) / 'table.csv'}")
+    return 1 if len(failed) else 0
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -316,6 +332,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     precompute.add_argument("method", metavar="METHOD")
     _common_options(precompute)
+    sweep = _command(
+        commands, "sweep", _sweep, "every combination in a TOML file, resumed where it stopped"
+    )
+    sweep.add_argument("grid", metavar="GRID.toml")
+    sweep.add_argument(
+        "--out", help=f"folder to keep rows in (default {OUT})", default=OUT, metavar="DIR"
+    )
+    sweep.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes of one core each (default: as many as cores); 0: this process, all cores",
+    )
+    sweep.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster: tcp://HOST:PORT")
+    sweep.add_argument("--retry", action="store_true", help="run rows that failed again")
     info = _command(commands, "info", _info, "what a mesh or light-probe file holds")
     info.add_argument("file", metavar="FILE")
     _command(commands, "methods", _methods, "names, parameters with defaults, one line each")

@@ -30,6 +30,13 @@ def read_stored(path: Path) -> Stored:
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
+    try:
+        return _read(path)
+    except UnicodeDecodeError as error:  # of names in the file
+        raise ValueError(f"{path}: damaged (a name in it is no text)") from error
+
+
+def _read(path: Path) -> Stored:
     config = oiio.ImageSpec()
     # OpenImageIO 3.2 turns only some .pfm files over, by their size: it shall leave them alone.
     config.attribute("pnm:pfmflip", 0)

@@ -1,6 +1,8 @@
 """Files are whole or absent; damaged cache entries are rebuilt, with a warning."""
 
 import os
+import threading
+import time
 import warnings
 
 import numpy as np
@@ -30,6 +32,32 @@ def test_an_entry_is_built_once():
     assert (len(counter), cached_first, cached_second) == (1, False, True)
     np.testing.assert_array_equal(first["image"], second["image"])
     assert float(second["error"]) == 0.5
+
+
+def test_what_one_builds_others_wait_for():
+    counter, found = [], []
+
+    def slowly():
+        time.sleep(0.2)
+        return build(counter)()
+
+    def ask():
+        found.append(cache.cached_arrays("reference", "key", slowly)[1])
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(counter) == 1
+    assert sorted(found) == [False, True, True, True]
+    assert [path.name for path in (cache.cache_folder() / "reference").iterdir()] == ["key.npz"]
+
+
+def test_a_build_that_fails_keeps_nobody_out():
+    with pytest.raises(ZeroDivisionError):
+        cache.cached_arrays("reference", "key", lambda: {"x": 1 // 0})
+    assert not cache.cached_arrays("reference", "key", build([]))[1]
 
 
 @pytest.mark.parametrize("damage", ["truncated", "garbage", "empty", "kind"])

@@ -25,6 +25,7 @@ LAYERS = [
     "image",
     "methods",
     "compare",
+    "sweep",
     "report",
     "cli",
     "__main__",

@@ -54,12 +54,14 @@ def measure(
     tell: Tell,
     *,
     progress: bool = True,
+    curve: bool = True,
 ) -> tuple[dict[str, Any], Pixels]:
     """Runs the three verbs and returns (row of results.json, image).
 
     ``tell`` hears which verb runs. Times are in seconds, waiting for the device. ``light_s`` and
     ``frame_s`` are warm; what the first calls took longer is ``compile_s``. ``precompute_s`` is one
-    call, compilation included.
+    call, compilation included. With ``curve``, methods that take samples are measured
+    with fewer of them, too.
 
     Raises:
         ValueError: the method refuses the scene, or returns radiance that is not finite.
@@ -95,7 +97,7 @@ def measure(
         "rays_traced": rays,
         "evaluations": int(method.evaluations(visibility, light, setting.surface)),
     }
-    if hasattr(method, "spp"):
+    if curve and hasattr(method, "spp"):
         row["curve"] = _curve(method, visibility, light, setting, yardstick, key, row, tell)
     return row, image
 

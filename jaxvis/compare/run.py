@@ -129,12 +129,12 @@ def compare(
         tqdm(total=1 + len(chosen), unit="method", leave=False, disable=not progress) as bar,
     ):
         bar.set_description(REFERENCE)
-        image, reference_row = _reference(truth, setting, seed, progress)
+        image, reference_row = render_reference(truth, setting, seed, progress)
         yardstick = Yardstick(image, setting.covered, exposure_of(image, setting.covered))
         images, rows = {REFERENCE: image}, []
         for label, method in chosen.items():
             bar.update()
-            row, image = _row(
+            row, image = method_row(
                 label,
                 method,
                 setting,
@@ -217,7 +217,7 @@ def _spec_of(method: Method) -> str:
     return f"{name}:{','.join(changed)}" if changed else name
 
 
-def _reference(
+def render_reference(
     method: Method, setting: Setting, seed: int, progress: bool
 ) -> tuple[Pixels, dict[str, Any]]:
     """The reference image, from the disk if it has been rendered before, and its row.
@@ -275,7 +275,7 @@ def _reference(
     return stored["radiance"], row
 
 
-def _row(
+def method_row(
     label: str,
     method: Method,
     setting: Setting,
@@ -283,10 +283,13 @@ def _row(
     seed: int,
     *,
     progress: bool,
-    stop_on_error: bool,
-    tell: Callable[[str], None],
+    stop_on_error: bool = False,
+    tell: Callable[[str], None] = lambda verb: None,
+    curve: bool = True,
 ) -> tuple[dict[str, Any], Pixels | None]:
-    """The row of results.json of one method, and its image unless it failed."""
+    """The row of results.json of one method, and its image unless it failed; with the ``curve`` of
+    one that takes samples.
+    """
     parameters = _plain(method.parameters())
     row: dict[str, Any] = {
         "method": registered_name(method),
@@ -298,7 +301,13 @@ def _row(
     try:
         with _noting_warnings(notes):
             measured, image = measure(
-                method, setting, yardstick, jax.random.key(seed), tell, progress=progress
+                method,
+                setting,
+                yardstick,
+                jax.random.key(seed),
+                tell,
+                progress=progress,
+                curve=curve,
             )
     except Exception as error:
         if stop_on_error:

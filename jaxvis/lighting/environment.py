@@ -1,7 +1,9 @@
 """An environment map, radiance from infinity as a function of direction, and lights before it."""
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +16,6 @@ from jaxvis.lighting.spheres import SphereLights
 from jaxvis.sphere import latlong
 
 
-@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Environment:
     """Lat-long radiance map, linear Rec. 709, finite, non-negative, width = 2 height.
@@ -23,11 +24,13 @@ class Environment:
     method integrates that same function. Several may be stacked along a leading axis, for
     ``jax.vmap``; the methods are those of one.
 
-    ``spheres`` are local lights besides, at places in the world.
+    ``spheres`` are local lights besides, at places in the world. A light that comes out of a
+    compiled function may have the ``name`` of another that went in: programs are not compiled for
+    names.
     """
 
     radiance: Float[Array, "*lights height width 3"]
-    name: str = field(default="environment", metadata={"static": True})
+    name: str = "environment"
     spheres: SphereLights | None = None
 
     @property
@@ -90,3 +93,33 @@ class Environment:
         Without the spheres. It is smooth: look it up with :func:`jaxvis.sphere.latlong.bilinear`.
         """
         return math.pi * phong_blur(self.radiance, 1.0, height)
+
+
+class _Name:
+    """A name that equals every other: what is compiled for one light serves the next."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Name)
+
+    def __hash__(self) -> int:
+        return hash(_Name)
+
+
+def _flatten(light: Environment) -> tuple[tuple[tuple[Any, Any], ...], _Name]:
+    keys = map(jax.tree_util.GetAttrKey, ("radiance", "spheres"))
+    return tuple(zip(keys, (light.radiance, light.spheres), strict=True)), _Name(light.name)
+
+
+def _unflatten(name: _Name, leaves: Iterable[Any]) -> Environment:
+    # Not by its initialiser: in place of arrays, JAX has objects of its own.
+    light = object.__new__(Environment)
+    for key, value in zip(("radiance", "spheres"), leaves, strict=True):
+        object.__setattr__(light, key, value)
+    object.__setattr__(light, "name", name.text)
+    return light
+
+
+jax.tree_util.register_pytree_with_keys(Environment, _flatten, _unflatten)

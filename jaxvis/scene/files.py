@@ -1,7 +1,10 @@
 """Mesh files through trimesh: every format's geometry, transforms, colours and materials."""
 
+import contextlib
 import io
+import logging
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +26,9 @@ from jaxvis.scene.framing import close_up
 from jaxvis.scene.gltf import find_camera, primitive_materials, read_header
 from jaxvis.scene.scene import Scene
 
+# What trimesh logs of parts that it leaves out would reach the terminal, tracebacks and all.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
 GLTF = (".glb", ".gltf")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif", ".dds")
 
@@ -37,14 +43,14 @@ def load_mesh_file(path: Path, name: str) -> Scene:
     Raises:
         InvalidScene: the file cannot be read, holds no triangles, or lacks a texture.
     """
-    resolver = _Resolver(str(path))
+    resolver, losses = _Resolver(str(path)), Losses()
     loaded = _read(path, resolver)
     _refuse_missing_images(resolver, path)
-    header = _header(path)
-    parts = _parts(loaded, path)
-    losses = Losses()
-    exact = _exact_materials(loaded, header)
-    sources, materials, ids = _materials(parts, exact, losses)
+    with _damage(path):
+        header = _header(path)
+        parts = _parts(loaded, path)
+        exact = _exact_materials(loaded, header)
+        sources, materials, ids = _materials(parts, exact, losses)
     if losses.missing_textures:
         which = ", ".join(name or "unnamed" for name in losses.missing_textures[:5])
         raise InvalidScene(
@@ -63,7 +69,8 @@ def load_mesh_file(path: Path, name: str) -> Scene:
         name=str(path),
         notes=notes,
     )
-    camera = None if header is None else find_camera(header, scene.origin)
+    with _damage(path):
+        camera = None if header is None else find_camera(header, scene.origin)
     return replace(scene, name=name, camera=camera and close_up(scene, camera))
 
 
@@ -128,10 +135,19 @@ def _read(path: Path, resolver: _Resolver) -> trimesh.Scene:
             f"{path}: {path.suffix or 'a file without suffix'} is not a mesh format that can be "
             f"read; use .glb, .gltf, .obj, .ply, .stl or .off"
         )
-    try:
+    with _damage(path):
         # Unprocessed: trimesh's own clean-up drops NaN vertices and merges without saying so.
         return trimesh.load_scene(str(path), resolver=resolver, process=False)
-    except Exception as error:  # trimesh raises whatever its parsers stumble over
+
+
+@contextlib.contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """What trimesh, and we after it, stumble over in a damaged file."""
+    try:
+        yield
+    except InvalidScene:
+        raise
+    except Exception as error:
         cause = (str(error).splitlines() or [""])[0][:120]
         raise InvalidScene(
             f"{path}: damaged or not a {path.suffix} mesh ({type(error).__name__}: {cause})"

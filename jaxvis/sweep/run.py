@@ -1,0 +1,200 @@
+"""Runs a grid in this process, on this machine's cores, or on a Dask cluster."""
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from jaxvis.cores import core_count
+from jaxvis.sweep.grid import Grid, Job, split
+from jaxvis.sweep.store import Store, frame_of
+from jaxvis.sweep.work import run_job
+
+if TYPE_CHECKING:
+    import pandas
+    from distributed import Client, Future
+
+LOCAL = {
+    # Rows may take long in compiled code, in which a worker cannot answer.
+    "distributed.scheduler.worker-ttl": None,
+    # Without Dask's own MALLOC_TRIM_THRESHOLD_: every array would be given back and fetched anew.
+    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
+    "logging.distributed": "error",
+}
+"""Dask's settings for workers of one core each; their memory is limited by the machine alone."""
+
+WAIT = 60.0
+"""Seconds that a sweep waits for a cluster that has no worker."""
+
+
+def run_grid(
+    grid: Grid,
+    out: str | os.PathLike,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retry: bool = False,
+    progress: bool = True,
+) -> "pandas.DataFrame":
+    """Measures what is not in the folder yet, and writes the tables.
+
+    Every finished row is kept at once (``rows.jsonl``): after a kill the same call goes on where it
+    stopped. Rows of another grid stay, so a grid can grow. ``table.csv`` has what does not depend
+    on the machine, ``times.csv`` the seconds.
+
+    Args:
+        out: the folder.
+        workers: processes on this machine, of one core each; by default as many as there are cores.
+            0 works in this process, with all its cores and without Dask.
+        scheduler: address of a Dask scheduler (``tcp://host:8786``), whose workers do the work, one
+            row at a time each, with the threads that they may use. They must find the same files.
+        retry: run rows again that failed.
+        progress: show how far it is, and the time left, if standard error is a terminal.
+
+    Returns:
+        One row a combination, in the grid's order.
+
+    Raises:
+        ValueError, FileNotFoundError, OSError: bad input, or a cluster that does not answer; what
+            was finished is kept.
+        ModuleNotFoundError: Dask is needed and not installed.
+    """
+    if workers is not None and workers < 0:
+        raise ValueError(f"workers must be at least 0, got {workers}")
+    if workers is not None and scheduler is not None:
+        raise ValueError("give workers or a scheduler, not both: a cluster has its own workers")
+    jobs = grid.jobs()
+    with Store(out) as store:
+        left = [job for job in jobs if _is_left(store.rows.get(job.key), retry)]
+        try:
+            with tqdm(
+                total=len(jobs), initial=len(jobs) - len(left), unit="row", disable=_quiet(progress)
+            ) as bar:
+
+                def finished(job: Job, row: dict[str, Any]) -> None:
+                    store.append(job, row)
+                    bar.update()
+
+                if left and workers == 0:
+                    for job in left:
+                        finished(job, run_job(job))
+                elif left:
+                    with _client(min(workers or core_count(), len(left)), scheduler) as client:
+                        _distribute(client, left, finished, bound=scheduler is None)
+        finally:
+            store.write_tables(jobs)
+        return frame_of(store, jobs)
+
+
+def _is_left(row: dict[str, Any] | None, retry: bool) -> bool:
+    return row is None or (retry and row.get("error") is not None)
+
+
+def _quiet(progress: bool) -> bool | None:
+    """For tqdm, to which None means: unless standard error is a terminal."""
+    return None if progress else True
+
+
+@contextlib.contextmanager
+def _client(workers: int, scheduler: str | None) -> Iterator["Client"]:
+    """A client of the cluster, or of one made for this sweep."""
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            'several processes need Dask: pip install "jaxvis[distributed]", or take 0 workers'
+        ) from error
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=WAIT)
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise OSError(f"no Dask scheduler answers at {scheduler} ({reason})") from error
+        with client:
+            yield client
+        return
+    with (
+        dask.config.set(LOCAL),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=0,
+            dashboard_address=":0",
+            silence_logs=50,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+def _distribute(
+    client: "Client",
+    jobs: Sequence[Job],
+    finished: Callable[[Job, dict[str, Any]], None],
+    *,
+    bound: bool,
+) -> None:
+    """Gives every free worker a job until all are done.
+
+    Each worker goes through a contiguous part of the grid, since neighbours share scenes,
+    references and compiled programs; who has done its part takes from the end of the longest one
+    left. A job whose worker dies goes to another.
+
+    Args:
+        bound: keep each worker to a core of its own.
+    """
+    from concurrent.futures import FIRST_COMPLETED
+
+    from distributed import KilledWorker, wait
+
+    parts = split(jobs, len(_alive(client)))
+    own: dict[str, int] = {}
+    running: dict[Future, Job] = {}
+    places: dict[Future, str] = {}
+    while any(parts) or running:
+        alive = _alive(client)
+        own = {address: part for address, part in own.items() if address in alive}
+        for address in set(alive) - set(own):
+            own[address] = min(set(range(len(alive))) - set(own.values()))
+        busy = {places[future] for future in running}
+        for address in alive:
+            if address not in busy and (job := _next_job(parts, own[address])) is not None:
+                future = client.submit(
+                    run_job,
+                    job,
+                    own[address] if bound else None,
+                    workers=[address],
+                    allow_other_workers=True,
+                    pure=False,
+                )
+                running[future], places[future] = job, address
+        with contextlib.suppress(TimeoutError):
+            wait(list(running), timeout=1.0, return_when=FIRST_COMPLETED)
+        for future in [future for future in running if future.done()]:
+            job = running.pop(future)
+            try:
+                row = future.result()
+            except KilledWorker:
+                row = {"error": "the worker died, again and again: out of memory?"}
+            finished(job, row)
+
+
+def _alive(client: "Client") -> list[str]:
+    """The addresses of the cluster's workers; waits for one."""
+    try:
+        client.wait_for_workers(1, timeout=WAIT)
+    except TimeoutError:
+        raise OSError(f"the cluster had no worker for {WAIT:.0f} s") from None
+    workers: Any = client.nthreads()
+    return list(workers)
+
+
+def _next_job(parts: list[list[Job]], own: int) -> Job | None:
+    """From the front of a worker's own part, else from the back of the longest."""
+    if own < len(parts) and parts[own]:
+        return parts[own].pop(0)
+    longest = max(parts, key=len)
+    return longest.pop() if longest else None
