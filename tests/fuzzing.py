@@ -221,9 +221,19 @@ def _within(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
+def peak_megabytes() -> float:
+    """The most memory that this process had."""
+    try:
+        # Other than what getrusage says, this does not begin with what the parent process had.
+        status = Path("/proc/self/status").read_text()
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
+    except (OSError, ValueError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
 def tried(use: Callable[[Path], object], path: Path) -> str | None:
     """What is wrong with how a file was used or refused, if anything."""
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = peak_megabytes()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -236,7 +246,7 @@ def tried(use: Callable[[Path], object], path: Path) -> str | None:
                 return f"does not name the file: {error}"
         except (Exception, SystemExit) as error:
             return f"{type(error).__name__}: {error}"
-    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0
+    grown = peak_megabytes() - before
     if grown > MEGABYTES:
         return f"took {grown:.0f} MB"
     strange = [w for w in caught if not issubclass(w.category, JaxvisWarning)]

@@ -16,7 +16,7 @@ import pytest
 from jaxvis.cache import load_arrays
 from jaxvis.image import read_image
 
-KILLS = int(os.environ.get("JAXVIS_KILLS", "3"))
+KILLS = int(os.environ.get("JAXVIS_KILLS", "1"))
 SEED = int(os.environ.get("JAXVIS_SEED", "0"))
 SMALL = ["--scene", "box-on-plane", "--environment", "uniform", "--size", "16", "12"]
 METHOD = "vectorized:vectors=16,resolution=16"
