@@ -9,7 +9,7 @@ import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -29,6 +29,22 @@ def cache_folder() -> Path:
         return Path(given).expanduser()
     base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     return Path(base).expanduser() / "jaxvis"
+
+
+def lock(file: BinaryIO, *, wait: bool) -> bool:
+    """Locks an open file until it is closed; false if another has it, and this shall not wait.
+
+    Where there are no locks (on Windows, on some network drives) everyone gets one.
+    """
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):
+        pass
+    return True
 
 
 @contextlib.contextmanager
@@ -129,26 +145,22 @@ def cached_arrays(
 def _alone(path: Path) -> Iterator[None]:
     """Holds a lock beside ``path``, after whoever holds it; a process that dies lets go.
 
-    Without locks (on Windows, in a folder that cannot be written) it holds nothing, and processes
-    may do the same work.
+    Without locks, or in a folder that cannot be written, processes may do the same work.
     """
-    lock = path.with_name(f".{path.stem}.lock")
+    name = path.with_name(f".{path.stem}.lock")
     try:
-        import fcntl
-
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = lock.open("w")
-    except (ImportError, OSError):
+        file = name.open("wb")
+    except OSError:
         yield
         return
     with file:
-        with contextlib.suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_EX)
+        lock(file, wait=True)
         try:
             yield
         finally:
             with contextlib.suppress(OSError):
-                lock.unlink(missing_ok=True)
+                name.unlink(missing_ok=True)
 
 
 def _stored_or_built(

@@ -60,8 +60,8 @@ def measure(
 
     ``tell`` hears which verb runs. Times are in seconds, waiting for the device. ``light_s`` and
     ``frame_s`` are warm; what the first calls took longer is ``compile_s``. ``precompute_s`` is one
-    call, compilation included. With ``curve``, methods that take samples are measured
-    with fewer of them, too.
+    call, compilation included. With ``curve``, methods that take samples are also measured with
+    fewer of them.
 
     Raises:
         ValueError: the method refuses the scene, or returns radiance that is not finite.

@@ -1,8 +1,10 @@
 """Runs a grid in this process, on this machine's cores, or on a Dask cluster."""
 
 import contextlib
+import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError
 from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
@@ -66,11 +68,12 @@ def run_grid(
     if workers is not None and scheduler is not None:
         raise ValueError("give workers or a scheduler, not both: a cluster has its own workers")
     jobs = grid.jobs()
+    quiet = None if progress else True  # None is tqdm's word for: unless it is a terminal
     with Store(out) as store:
         left = [job for job in jobs if _is_left(store.rows.get(job.key), retry)]
         try:
             with tqdm(
-                total=len(jobs), initial=len(jobs) - len(left), unit="row", disable=_quiet(progress)
+                total=len(jobs), initial=len(jobs) - len(left), unit="row", disable=quiet
             ) as bar:
 
                 def finished(job: Job, row: dict[str, Any]) -> None:
@@ -92,11 +95,6 @@ def _is_left(row: dict[str, Any] | None, retry: bool) -> bool:
     return row is None or (retry and row.get("error") is not None)
 
 
-def _quiet(progress: bool) -> bool | None:
-    """For tqdm, to which None means: unless standard error is a terminal."""
-    return None if progress else True
-
-
 @contextlib.contextmanager
 def _client(workers: int, scheduler: str | None) -> Iterator["Client"]:
     """A client of the cluster, or of one made for this sweep."""
@@ -113,8 +111,16 @@ def _client(workers: int, scheduler: str | None) -> Iterator["Client"]:
         except (OSError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise OSError(f"no Dask scheduler answers at {scheduler} ({reason})") from error
-        with client:
-            yield client
+        logger = logging.getLogger("distributed.client")
+        level = logger.level
+        logger.setLevel(logging.CRITICAL)  # else a lost connection prints a traceback as well
+        try:
+            with client:
+                yield client
+        except CancelledError as error:
+            raise OSError(f"lost the cluster at {scheduler}; sweep again to go on") from error
+        finally:
+            logger.setLevel(level)
         return
     with (
         dask.config.set(LOCAL),
@@ -146,20 +152,17 @@ def _distribute(
     Args:
         bound: keep each worker to a core of its own.
     """
-    from concurrent.futures import FIRST_COMPLETED
-
     from distributed import KilledWorker, wait
 
     parts = split(jobs, len(_alive(client)))
     own: dict[str, int] = {}
-    running: dict[Future, Job] = {}
-    places: dict[Future, str] = {}
+    running: dict[Future, tuple[Job, str]] = {}
     while any(parts) or running:
         alive = _alive(client)
         own = {address: part for address, part in own.items() if address in alive}
         for address in set(alive) - set(own):
             own[address] = min(set(range(len(alive))) - set(own.values()))
-        busy = {places[future] for future in running}
+        busy = {address for _, address in running.values()}
         for address in alive:
             if address not in busy and (job := _next_job(parts, own[address])) is not None:
                 future = client.submit(
@@ -170,11 +173,13 @@ def _distribute(
                     allow_other_workers=True,
                     pure=False,
                 )
-                running[future], places[future] = job, address
+                running[future] = job, address
         with contextlib.suppress(TimeoutError):
             wait(list(running), timeout=1.0, return_when=FIRST_COMPLETED)
-        for future in [future for future in running if future.done()]:
-            job = running.pop(future)
+        done = [future for future in running if future.done()]
+        # Rows before errors: what is finished is kept.
+        for future in sorted(done, key=lambda future: future.status != "finished"):
+            job, _ = running.pop(future)
             try:
                 row = future.result()
             except KilledWorker:

@@ -8,13 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxvis.cache import whole_file
+from jaxvis.cache import lock, whole_file
 from jaxvis.sweep.grid import Job
-
-try:
-    import fcntl
-except ImportError:  # not on Windows: there nothing keeps two sweeps out of one folder
-    fcntl = None
 
 LOG, TABLE, TIMES = "rows.jsonl", "table.csv", "times.csv"
 
@@ -22,8 +17,8 @@ VALUES = ("psnr_db", "rmse", "relative_rmse", "relmse", "flip", "visibility_byte
 VALUES += ("evaluations", "reference_error", "error")
 """Columns of the table: the same whichever way a sweep ran."""
 
-SECONDS = ("precompute_s", "light_s", "compile_s", "frame_s", "frames_timed", "total_s", "machine")
-"""Columns of the times."""
+TIMING = ("precompute_s", "light_s", "compile_s", "frame_s", "frames_timed", "total_s", "machine")
+"""Columns of the times, and what they were taken on."""
 
 SETTINGS = ("scene", "environment", "rotate", "size", "method", "seed")
 
@@ -48,7 +43,8 @@ class Store:
         self._path = self.folder / LOG
         self._file = open(self._path, "a+b")  # noqa: SIM115 - closed by __exit__
         try:
-            self._lock()
+            if not lock(self._file, wait=False):
+                raise ValueError(f"{self.folder}: another sweep is writing here")
             self.rows: dict[str, dict[str, Any]] = self._read()
         except BaseException:
             self._file.close()
@@ -59,14 +55,6 @@ class Store:
 
     def __exit__(self, *raised: object) -> None:
         self._file.close()
-
-    def _lock(self) -> None:
-        if fcntl is None:
-            return
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ValueError(f"{self.folder}: another sweep is writing here") from None
 
     def _read(self) -> dict[str, dict[str, Any]]:
         self._file.seek(0)
@@ -97,7 +85,7 @@ class Store:
     def write_tables(self, jobs: Sequence[Job]) -> None:
         """The finished rows of these jobs, in their order, as CSV: values, and times apart."""
         done = [(job, self.rows[job.key]) for job in jobs if job.key in self.rows]
-        for name, columns in ((TABLE, VALUES), (TIMES, SECONDS)):
+        for name, columns in ((TABLE, VALUES), (TIMES, TIMING)):
             with whole_file(self.folder / name) as temporary:
                 temporary.write_text(_csv(done, columns))
 
@@ -124,8 +112,8 @@ def frame_of(store: Store, jobs: Sequence[Job]) -> Any:
 
     rows = [
         {name: getattr(job, name) for name in SETTINGS}
-        | {name: store.rows[job.key].get(name) for name in (*VALUES, *SECONDS)}
+        | {name: store.rows[job.key].get(name) for name in (*VALUES, *TIMING)}
         for job in jobs
         if job.key in store.rows
     ]
-    return pandas.DataFrame(rows, columns=pandas.Index([*SETTINGS, *VALUES, *SECONDS]))
+    return pandas.DataFrame(rows, columns=pandas.Index([*SETTINGS, *VALUES, *TIMING]))

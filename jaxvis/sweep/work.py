@@ -14,7 +14,7 @@ from jaxvis.compare.run import method_row, render_reference
 from jaxvis.compare.setting import Setting, prepare
 from jaxvis.image import exposure_of
 from jaxvis.sweep.grid import Job
-from jaxvis.sweep.store import SECONDS, VALUES
+from jaxvis.sweep.store import TIMING, VALUES
 
 KEPT = 2
 """Scenes under their lights, with references, that a worker keeps in memory."""
@@ -47,7 +47,7 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
     )
     row |= {"reference_error": view.reference_error, "machine": platform.node()}
     row["total_s"] = time.perf_counter() - started
-    return {name: row.get(name) for name in (*VALUES, *SECONDS)}
+    return {name: row.get(name) for name in (*VALUES, *TIMING)}
 
 
 class _View(NamedTuple):

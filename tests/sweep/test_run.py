@@ -117,6 +117,15 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path, monkeypatch):
         run_grid(GRID, tmp_path, scheduler="tcp://127.0.0.1:9")
 
 
+def test_without_dask_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    (tmp_path / "grid.toml").write_text('methods = "mc-mis"')
+    assert cli.main(["sweep", str(tmp_path / "grid.toml"), "--out", str(tmp_path / "out")]) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("jaxvis: several processes need Dask: pip install")
+    assert errors.count("\n") == 1
+
+
 def test_two_processes_measure_the_same(tmp_path, alone):
     run_grid(GRID, tmp_path, workers=2)
     assert_whole(tmp_path, alone)
@@ -137,6 +146,34 @@ def test_a_worker_killed_in_mid_sweep_loses_no_row(tmp_path, alone):
         sweep.join(timeout=180.0)
         assert not sweep.is_alive()
         assert process not in client.run(os.getpid).values()
+    assert_whole(tmp_path, alone)
+
+
+def test_a_cluster_that_dies_is_said_and_the_sweep_goes_on_later(tmp_path, alone):
+    program = "import distributed, time; c = distributed.LocalCluster(n_workers=1, "
+    program += "threads_per_worker=1, dashboard_address=':0', processes=False, protocol='tcp://'); "
+    program += "print(c.scheduler_address, flush=True); time.sleep(600)"
+    cluster = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    found = []
+
+    def sweep():
+        with pytest.raises(OSError, match=r"lost the cluster at tcp://.*sweep again") as error:
+            run_grid(GRID, tmp_path, scheduler=cluster.stdout.readline().strip())
+        found.append(error.value)
+
+    thread = threading.Thread(target=sweep)
+    thread.start()
+    wait_for_rows(tmp_path, 2)
+    cluster.kill()
+    thread.join(timeout=120.0)
+    assert found, "it waits for a cluster that is gone"
+    assert 2 <= len(keys(tmp_path)) < 12
+    run_grid(GRID, tmp_path, workers=0)
     assert_whole(tmp_path, alone)
 
 
