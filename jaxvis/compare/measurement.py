@@ -5,7 +5,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -46,25 +46,25 @@ class Yardstick:
         return finite(psnr(image, self.reference, self.covered, self.exposure))
 
 
-def measure(
-    method: Method,
-    setting: Setting,
-    yardstick: Yardstick,
-    key: jax.Array,
-    tell: Tell,
-    *,
-    progress: bool = True,
-    curve: bool = True,
-) -> tuple[dict[str, Any], Pixels]:
-    """Runs the three verbs and returns (row of results.json, image).
+class Prepared(NamedTuple):
+    """A method's visibility and light, with the seconds that each took.
 
-    ``tell`` hears which verb runs. Times are in seconds, waiting for the device. ``light_s`` and
-    ``frame_s`` are warm; what the first calls took longer is ``compile_s``. ``precompute_s`` is one
-    call, compilation included. With ``curve``, methods that take samples are also measured with
-    fewer of them.
+    ``light_s`` is warm; what the first call took longer is ``compile_s``. ``precompute_s`` is one
+    call, compilation included.
+    """
+
+    visibility: Any
+    light: Any
+    precompute_s: float
+    light_s: float
+    compile_s: float
+
+
+def prepared(method: Method, setting: Setting, tell: Tell, *, progress: bool = True) -> Prepared:
+    """Runs the two verbs before shading.
 
     Raises:
-        ValueError: the method refuses the scene, or returns radiance that is not finite.
+        ValueError: the method refuses the scene or the light.
     """
     # The light first: what a method cannot do with it shows before the time goes to visibility.
     tell("light")
@@ -74,6 +74,30 @@ def measure(
     visibility, precompute_s = _timed(
         lambda: method.precompute_for(setting.scene, setting.surface, progress=progress)
     )
+    return Prepared(visibility, light, precompute_s, light_s, max(0.0, first_light_s - light_s))
+
+
+def measure(
+    method: Method,
+    ready: Prepared,
+    setting: Setting,
+    yardstick: Yardstick,
+    key: jax.Array,
+    tell: Tell,
+    *,
+    progress: bool = True,
+    curve: bool = True,
+) -> tuple[dict[str, Any], Pixels]:
+    """Shades and returns (row of results.json, image).
+
+    ``tell`` hears what runs. Times are in seconds, waiting for the device. ``frame_s`` is warm;
+    what the first frame and the first light took longer is ``compile_s``. With ``curve``, methods
+    that take samples are also measured with fewer of them.
+
+    Raises:
+        ValueError: the method refuses the scene, or returns radiance that is not finite.
+    """
+    visibility, light = ready.visibility, ready.light
 
     def shade(progress: bool = False) -> jax.Array:
         return method.shade(visibility, light, setting.surface, key=key, progress=progress)
@@ -88,9 +112,9 @@ def measure(
     frame_s = statistics.median(times)
     row = {
         **yardstick.errors(image),
-        "precompute_s": precompute_s,
-        "light_s": light_s,
-        "compile_s": max(0.0, first_light_s - light_s) + max(0.0, first_s - frame_s),
+        "precompute_s": ready.precompute_s,
+        "light_s": ready.light_s,
+        "compile_s": ready.compile_s + max(0.0, first_s - frame_s),
         "frame_s": frame_s,
         "frames_timed": len(times),
         "visibility_bytes": int(visibility.nbytes),

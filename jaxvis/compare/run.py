@@ -21,10 +21,12 @@ from jaxvis.compare.compilation import use_compilation_cache
 from jaxvis.compare.machine import machine, versions
 from jaxvis.compare.measurement import (
     Pixels,
+    Prepared,
     Yardstick,
     finite,
     finite_image,
     measure,
+    prepared,
     rays_traced,
 )
 from jaxvis.compare.result import REFERENCE, Comparison, file_stem, output_folder
@@ -286,9 +288,13 @@ def method_row(
     stop_on_error: bool = False,
     tell: Callable[[str], None] = lambda verb: None,
     curve: bool = True,
+    prepare: Callable[[], Prepared] | None = None,
 ) -> tuple[dict[str, Any], Pixels | None]:
-    """The row of results.json of one method, and its image unless it failed; with the ``curve`` of
-    one that takes samples.
+    """The row of results.json of one method, and its image unless it failed.
+
+    Args:
+        curve: also measure a method that takes samples with fewer of them.
+        prepare: where visibility and light come from, instead of being made here.
     """
     parameters = _plain(method.parameters())
     row: dict[str, Any] = {
@@ -300,8 +306,10 @@ def method_row(
     notes: list[str] = []
     try:
         with _noting_warnings(notes):
+            ready = prepare() if prepare else prepared(method, setting, tell, progress=progress)
             measured, image = measure(
                 method,
+                ready,
                 setting,
                 yardstick,
                 jax.random.key(seed),

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float32, Float64, Int
-from scipy.stats import qmc
 from tqdm.auto import tqdm
 
 from jaxvis.methods.balanced import (
@@ -36,7 +35,7 @@ from jaxvis.methods.traced import (
     slice_points,
 )
 from jaxvis.reflectance import Lambert, MaterialValues
-from jaxvis.sampling.sequences import BELOW_ONE
+from jaxvis.sampling.sequences import BELOW_ONE, sobol
 from jaxvis.scene import Hits, RayTracer
 from jaxvis.scene.rays import BLOCK
 
@@ -87,9 +86,7 @@ def bounced(
     """
     integral = _Integral(visibility, light, points)
     dimensions = 6 + 2 * integral.spheres
-    engines = [
-        qmc.Sobol(dimensions, rng=np.random.default_rng((seed, r))) for r in range(SCRAMBLINGS)
-    ]
+    engines = [sobol(dimensions, (seed, r)) for r in range(SCRAMBLINGS)]
     totals = np.zeros((SCRAMBLINGS, len(points.pixel), 3))
     count, fresh = 0, rays // SCRAMBLINGS
     while True:

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.stats import qmc
 from tqdm.auto import tqdm
 
 from jaxvis.cache import cached_arrays, content_hash
@@ -31,6 +30,7 @@ from jaxvis.methods.traced import (
 )
 from jaxvis.reflectance import Reflectance
 from jaxvis.sampling import LatLongDistribution
+from jaxvis.sampling.sequences import sobol
 from jaxvis.scene import Scene, Surface
 from jaxvis.sphere import latlong
 
@@ -333,7 +333,7 @@ def _subset(
     light: ReferenceLight, reflectance: Reflectance, target: float, trace: Trace
 ) -> tuple[np.ndarray, float, int]:
     """Radiance of each point, its relative standard error, and the directions per point."""
-    engines = [(qmc.Sobol(2, rng=2 * r), qmc.Sobol(3, rng=2 * r + 1)) for r in range(REPLICATES)]
+    engines = [(sobol(2, 2 * r), sobol(3, 2 * r + 1)) for r in range(REPLICATES)]
     local = light.environment.spheres
     spheres = None if local is None else StratifiedSpheres(local, REPLICATES)
     totals: list[np.ndarray] = []

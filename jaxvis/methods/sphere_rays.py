@@ -4,9 +4,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
-from scipy.stats import qmc
 
 from jaxvis.lighting.spheres import Cones, SphereLights
 from jaxvis.methods.traced import (
@@ -20,6 +18,7 @@ from jaxvis.methods.traced import (
 )
 from jaxvis.reflectance import Reflectance
 from jaxvis.sampling.cone import sample_cone
+from jaxvis.sampling.sequences import sobol
 from jaxvis.sphere.frames import to_world
 
 
@@ -87,8 +86,7 @@ class StratifiedSpheres:
     def __init__(self, spheres: SphereLights, replicates: int) -> None:
         self.spheres = spheres
         self._engines = [
-            [qmc.Sobol(2, rng=np.random.default_rng((r, light))) for light in range(spheres.count)]
-            for r in range(replicates)
+            [sobol(2, (r, light)) for light in range(spheres.count)] for r in range(replicates)
         ]
 
     @property

@@ -1,12 +1,17 @@
-"""Low-discrepancy points: Hammersley's."""
+"""Low-discrepancy points: Hammersley's, and Sobol's from SciPy."""
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, UInt32
 
 from jaxvis.sphere.components import join
+
+if TYPE_CHECKING:
+    from scipy.stats import qmc
 
 BELOW_ONE = 1.0 - 2.0**-24
 """The largest float32 below 1: what uniforms are kept at or below."""
@@ -34,3 +39,10 @@ def hammersley(count: int) -> Float[Array, "samples 2"]:
     index = jnp.arange(count)
     first = jnp.minimum((index.astype(jnp.float32) + 0.5) / count, BELOW_ONE)
     return join(first, radical_inverse(index))
+
+
+def sobol(dimensions: int, seed: int | tuple[int, ...]) -> "qmc.Sobol":
+    """Sobol's sequence in [0, 1)^dimensions (float64, host), scrambled by ``seed``."""
+    from scipy.stats import qmc  # here: importing it takes as long as importing JAX
+
+    return qmc.Sobol(dimensions, rng=np.random.default_rng(seed))

@@ -6,6 +6,7 @@ import os
 import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ class Job:
     reflectance: str | None
     reference: str
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Tells rows apart, and those of one version of jaxvis from another's."""
         return content_hash(versions()["jaxvis"], asdict(self))

@@ -44,7 +44,8 @@ def run_grid(
 
     Every finished row is kept at once (``rows.jsonl``): after a kill the same call goes on where it
     stopped. Rows of another grid stay, so a grid can grow. ``table.csv`` has what does not depend
-    on the machine, ``times.csv`` the seconds.
+    on the machine, ``times.csv`` the seconds: rows that differ in their seed alone share visibility
+    and light, and what these took.
 
     Args:
         out: the folder.
@@ -146,8 +147,10 @@ def _distribute(
     """Gives every free worker a job until all are done.
 
     Each worker goes through a contiguous part of the grid, since neighbours share scenes,
-    references and compiled programs; who has done its part takes from the end of the longest one
-    left. A job whose worker dies goes to another.
+    references, lights and compiled programs; who has done its part takes from the end of the
+    longest one left. Every other part is gone through from its end: side by side, two workers
+    would compile the same programs at the same time, and so find less in the persistent cache. A
+    job whose worker dies goes to another.
 
     Args:
         bound: keep each worker to a core of its own.
@@ -155,6 +158,7 @@ def _distribute(
     from distributed import KilledWorker, wait
 
     parts = split(jobs, len(_alive(client)))
+    parts = [part[::-1] if index % 2 else part for index, part in enumerate(parts)]
     own: dict[str, int] = {}
     running: dict[Future, tuple[Job, str]] = {}
     while any(parts) or running:

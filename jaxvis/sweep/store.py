@@ -111,8 +111,7 @@ def frame_of(store: Store, jobs: Sequence[Job]) -> Any:
     import pandas
 
     rows = [
-        {name: getattr(job, name) for name in SETTINGS}
-        | {name: store.rows[job.key].get(name) for name in (*VALUES, *TIMING)}
+        {name: getattr(job, name) for name in SETTINGS} | store.rows[job.key]
         for job in jobs
         if job.key in store.rows
     ]

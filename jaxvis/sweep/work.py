@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from jaxvis import methods
 from jaxvis.compare.compilation import use_compilation_cache
-from jaxvis.compare.measurement import Yardstick
+from jaxvis.compare.measurement import Prepared, Yardstick, prepared
 from jaxvis.compare.run import method_row, render_reference
 from jaxvis.compare.setting import Setting, prepare
 from jaxvis.image import exposure_of
@@ -36,14 +36,16 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
     use_compilation_cache()
     started = time.perf_counter()
     view = _view(job.view)
+    method = methods.create(job.method)
     row, _ = method_row(
         job.method,
-        methods.create(job.method),
+        method,
         view.setting,
         view.yardstick,
         job.seed,
         progress=False,
         curve=False,
+        prepare=lambda: _prepared(job.method, method, job.view, view.setting),
     )
     row |= {"reference_error": view.reference_error, "machine": platform.node()}
     row["total_s"] = time.perf_counter() - started
@@ -72,6 +74,17 @@ def _view(job: Job) -> _View:
     covered = setting.covered
     yardstick = Yardstick(image, covered, exposure_of(image, covered))
     return _View(setting, yardstick, row["relative_error"])
+
+
+_PREPARED: dict[tuple[str, Job], Prepared] = {}
+"""The visibility and light of the last row, which rows of other seeds share."""
+
+
+def _prepared(label: str, method: methods.Method, view: Job, setting: Setting) -> Prepared:
+    if (label, view) not in _PREPARED:
+        _PREPARED.clear()  # first: both may not fit into memory
+        _PREPARED[label, view] = prepared(method, setting, lambda verb: None, progress=False)
+    return _PREPARED[label, view]
 
 
 @lru_cache(maxsize=1)

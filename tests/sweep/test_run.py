@@ -13,8 +13,9 @@ import pytest
 from distributed import Client, LocalCluster
 
 from jaxvis import cli
+from jaxvis.compare.measurement import prepared
 from jaxvis.methods import MonteCarlo
-from jaxvis.sweep import Grid, run_grid, variants
+from jaxvis.sweep import Grid, run_grid, variants, work
 from jaxvis.sweep import run as module
 from jaxvis.sweep.store import LOG, TABLE
 
@@ -124,6 +125,18 @@ def test_without_dask_it_says_what_to_install(tmp_path, monkeypatch, capsys):
     errors = capsys.readouterr().err
     assert errors.startswith("jaxvis: several processes need Dask: pip install")
     assert errors.count("\n") == 1
+
+
+def test_seeds_share_visibility_and_light(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(
+        work, "prepared", lambda *args, **kw: made.append(args[0]) or prepared(*args, **kw)
+    )
+    monkeypatch.setattr(work, "_PREPARED", {})
+    run_grid(replace(GRID, methods=("mc-mis:spp=1", "mc-mis:spp=3")), tmp_path, workers=0)
+    per_view = len(GRID.scene) * len(GRID.environment)
+    assert [method.spp for method in made] == [1, 3] * per_view
+    assert len(work._PREPARED) == 1
 
 
 def test_two_processes_measure_the_same(tmp_path, alone):
