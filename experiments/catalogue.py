@@ -172,6 +172,15 @@ EXPERIMENTS = (
         ),
     ),
     Experiment(
+        "speed_viewer",
+        "frames a second while the environment turns, as the viewer asks for them",
+        quick=(
+            *("--scene", TORUS, "--environment", "windows", *SQUARE, "--frames", "3"),
+            *("--method", "correspondence:vectors=64", "mc-mis:spp=4"),
+        ),
+        data=("duck", "stpeters"),
+    ),
+    Experiment(
         "speed_rays",
         "ray throughput against bare embreex, and Embree's share of a Monte Carlo frame",
         quick=(

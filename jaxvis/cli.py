@@ -171,6 +171,35 @@ def _sweep(options: argparse.Namespace) -> int:
     return 1 if len(failed) else 0
 
 
+def _view(options: argparse.Namespace) -> int:
+    from jaxvis.lighting import load_environment
+    from jaxvis.scene import load_scene
+    from jaxvis.view import App
+
+    scene = load_scene(options.scene)
+    if options.reflectance is not None:
+        from jaxvis.reflectance import reflectance_by_name
+
+        scene = scene.with_reflectance(reflectance_by_name(options.reflectance))
+    environment = load_environment(options.environment)
+    app = App(
+        scene,
+        environment,
+        options.method,
+        height=options.height,
+        host=options.host,
+        port=options.port,
+    )
+    print(f"{app.url} (Ctrl+C ends it)", flush=True)
+    try:
+        app.wait()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        app.stop()
+    return 0
+
+
 def _info(options: argparse.Namespace) -> int:
     from jaxvis import datasets
     from jaxvis.lighting import environment_info
@@ -347,6 +376,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     sweep.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster: tcp://HOST:PORT")
     sweep.add_argument("--retry", action="store_true", help="run rows that failed again")
+    view = _command(commands, "view", _view, "orbit a scene and turn its light in the browser")
+    for name, summary, default in (
+        ("scene", "built-in name, data set or mesh file", SCENE),
+        ("environment", "built-in name, data set or .hdr, .exr, .pfm file", ENVIRONMENT),
+        ("method", "to begin with", "correspondence"),
+        ("host", "where the server listens", "127.0.0.1"),
+    ):
+        view.add_argument(f"--{name}", help=f"{summary} (default {default})", default=default)
+    view.add_argument("--height", help="of the images (default 256)", type=int, default=256)
+    view.add_argument("--port", help="of the server (default 8080)", type=int, default=8080)
+    view.add_argument("--reflectance", help="replaces the scene's model")
     info = _command(commands, "info", _info, "what a mesh or light-probe file holds")
     info.add_argument("file", metavar="FILE")
     _command(commands, "methods", _methods, "names, parameters with defaults, one line each")

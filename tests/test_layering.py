@@ -27,6 +27,7 @@ LAYERS = [
     "compare",
     "sweep",
     "report",
+    "view",
     "cli",
     "__main__",
 ]

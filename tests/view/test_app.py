@@ -1,0 +1,105 @@
+"""The viewer in a real browser: headless Chromium, by its WebDriver."""
+
+import shutil
+import time
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from jaxvis.view import App
+from tests.methods.known_scenes import MATERIALS, SCENES
+from tests.methods.test_no_compilation import light
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="the driver of browsers is missing")
+pytest.importorskip("viser", reason="the viewer's server is missing")
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-sync"),
+    *("--disable-component-update", "--window-size=640,480"),
+)
+BOX = SCENES[2].with_material(*MATERIALS["diffuse"])
+
+
+@pytest.fixture(scope="module")
+def app(own_caches):
+    app = App(BOX, light(0), "correspondence:vectors=16,resolution=16", height=64, port=18080)
+    yield app
+    app.stop()
+
+
+@pytest.fixture(scope="module")
+def browser(app):
+    if BROWSER is None or DRIVER is None:
+        pytest.skip("chromium or chromedriver is not installed")
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in FLAGS:
+        options.add_argument(flag)
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver.get(app.url)
+    yield driver
+    driver.quit()
+
+
+def wait_until(condition, seconds=120.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come"
+        time.sleep(0.05)
+
+
+def picture(browser):
+    """The part of the window that no control covers, [rows, columns, 3] in 0..255."""
+    image = Image.open(BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+    return np.asarray(image, np.float64)[150:, :300]
+
+
+def status(app):
+    return app._controls.status.content
+
+
+def test_the_window_shows_the_scene_its_error_and_its_light_turns(app, browser):
+    wait_until(lambda: "dB" in status(app))
+    time.sleep(1.0)
+    still = picture(browser)
+    assert still.std() > 10.0  # a picture, no empty window
+    app._controls.show.value = "error"
+    time.sleep(1.0)
+    error = picture(browser)
+    assert np.abs(error - still).mean() > 10.0
+    assert error.mean() < 0.7 * still.mean()  # small errors are dark
+    app._controls.show.value = "image"
+    app._controls.turn.value = 90.0
+    wait_until(lambda: "PSNR -" in status(app))
+    time.sleep(1.0)
+    assert np.abs(picture(browser) - still).mean() > 3.0
+    wait_until(lambda: "dB" in status(app))
+
+
+def test_it_spins_while_frames_come(app, browser):
+    app._controls.spin.value = True
+    before = app._controls.turn.value
+    wait_until(lambda: "frames/s" in status(app))
+    app._controls.spin.value = False
+    assert app._controls.turn.value != before
+
+
+def test_what_cannot_be_is_said_and_the_next_is_shown(app, browser):
+    app._controls.parameters.value = "zeta=many"
+    wait_until(lambda: "zeta must be float" in status(app))
+    app._controls.method.value, app._controls.parameters.value = "mc-mis", "spp=1"
+    wait_until(lambda: "mean of" in status(app))  # noise is averaged
+
+
+def test_a_notebook_shows_it_in_place(app):
+    assert f'<iframe src="{app.url}"' in app._repr_html_()
+
+
+def test_unknown_methods_and_sizes_are_refused_before_a_server_starts():
+    with pytest.raises(ValueError, match="no-such"):
+        App(BOX, light(0), "no-such")
+    with pytest.raises(ValueError, match="height must be at least 1"):
+        App(BOX, light(0), height=0)
