@@ -1,10 +1,13 @@
-"""The one helper that bounds memory: a function of points, applied to fixed-size chunks of them."""
+"""Functions of many points: in fixed-size chunks, which bounds memory, or on the host."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+
+T = TypeVar("T")
 
 
 def chunked_map(
@@ -39,3 +42,12 @@ def chunked_map(
 def _pad_to(leaf: jax.Array, count: int) -> jax.Array:
     missing = count - leaf.shape[0]
     return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)]) if missing else leaf
+
+
+def map_on_host(function: Callable[[np.ndarray], np.ndarray], tree: T) -> T:
+    """Every leaf through a NumPy function, and all of them to the device together.
+
+    For rows whose number changes from frame to frame: compiled code would be compiled for each.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    return structure.unflatten(jax.device_put([function(np.asarray(leaf)) for leaf in leaves]))

@@ -24,12 +24,13 @@ def rotate(
         if abs(turned - round(turned)) < 1e-6:
             turned = round(turned)
         whole = int(np.floor(turned))
-        part = turned - whole
+        part = float(turned - whole)
     else:
         turned = -jnp.asarray(yaw) * (width / (2.0 * jnp.pi))
         whole = jnp.floor(turned).astype(jnp.int32)
         part = turned - jax.lax.stop_gradient(jnp.floor(turned))
-    rolled = jnp.roll(radiance, whole, axis=1)
+    # jnp.roll would be compiled for each number of texels.
+    rolled = jnp.take(radiance, (np.arange(width) - whole) % width, axis=1, mode="clip")
     return (1.0 - part) * rolled + part * jnp.roll(rolled, 1, axis=1)
 
 

@@ -31,7 +31,6 @@ from jaxvis.methods.traced import (
     Proposal,
     ShadingPoints,
     block_points,
-    pad_points,
     slice_points,
 )
 from jaxvis.reflectance import Lambert, MaterialValues
@@ -148,13 +147,14 @@ class _Integral:
             return result
         block = block_points(count, samples)
         size = min(HITS_PER_BLOCK, block * samples)
-        padded = pad_points(self._points, -count % block)
         numbers = _Numbers.of(uniforms)
         lights = _draw(self._light, numbers.light)
 
         def shade_block(start: int) -> None:
             inside = min(block, count - start)
-            ray, origins, directions = _leave(slice_points(padded, start, block), numbers, inside)
+            ray, origins, directions = _leave(
+                slice_points(self._points, start, block), numbers, inside
+            )
             places = self._reflectors.at(
                 _closest_hits(self._tracer, origins, directions), directions
             )

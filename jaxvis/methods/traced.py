@@ -19,14 +19,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxvis.cache import load_arrays, save_arrays
+from jaxvis.chunks import map_on_host
 from jaxvis.reflectance import MaterialValues, Reflectance
 from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.scene.rays import offset_origins
 from jaxvis.sphere.frames import dot
 
 RAYS_PER_BLOCK = 1 << 16
-"""Rays in one call of the jitted stages. Fixed, so that each point meets the same machine code and
-gives the same bits whatever the chunk."""
+"""Rays in one call of the jitted stages, at most. Fixed, so that each point meets the same machine
+code and gives the same bits whatever the chunk, and that no other camera needs other programs."""
+
+POINTS_PER_BLOCK = (1 << 10, 1 << 14)
+"""Points in one call, at most: few for images that have no more, so that they are padded less."""
 
 RAYS_PER_CHUNK = 1 << 17
 """Rays that a thread proposes before it traces them, in whole blocks: about 60 bytes each."""
@@ -147,17 +151,17 @@ def shading_points(surface: Surface) -> ShadingPoints:
 
     def gather(leaf: Array) -> Array:
         flat = np.asarray(leaf).reshape(-1, *leaf.shape[2:])
-        return jnp.asarray(flat.take(pixel, axis=0))
+        return jax.device_put(flat.take(pixel, axis=0))  # jnp.asarray would compile for the shape
 
     geometric_normal = gather(surface.geometric_normal)
     origin = offset_origins(np.asarray(gather(surface.position)), np.asarray(geometric_normal))
     return ShadingPoints(
-        jnp.asarray(origin),
+        jax.device_put(origin),
         gather(surface.normal),
         geometric_normal,
         gather(surface.view),
         jax.tree.map(gather, surface.material),
-        jnp.asarray(pixel, jnp.int32),
+        jax.device_put(pixel.astype(np.int32)),
     )
 
 
@@ -187,12 +191,11 @@ def trace_and_sum(
     count = len(points.pixel)
     radiance = np.zeros((count, 3), np.float32)
     block = block_points(count, samples)
-    padded = pad_points(points, -count % block)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
 
     def shade_chunk(first: int) -> int:
         starts = range(first, min(first + chunk, count), block)
-        blocks = [slice_points(padded, start, block) for start in starts]
+        blocks = [slice_points(points, start, block) for start in starts]
         for propose_rays in proposals:
             proposed = [propose_rays(part) for part in blocks]
             for start, part, rays in zip(starts, blocks, proposed, strict=True):
@@ -213,10 +216,11 @@ def trace_and_sum(
     return radiance
 
 
-def block_points(count: int, samples: int) -> int:
-    """Points in a block: a power of two, no more than the points need."""
-    allowed = max(1, RAYS_PER_BLOCK // samples)
-    return min(1 << (allowed.bit_length() - 1), 1 << max(0, count - 1).bit_length())
+def block_points(count: int, samples: int, rays: int = RAYS_PER_BLOCK) -> int:
+    """Points in a block of up to ``rays`` rays: a power of two."""
+    few, many = POINTS_PER_BLOCK
+    allowed = 1 << (max(1, rays // samples).bit_length() - 1)
+    return min(few if count <= few else many, allowed)
 
 
 def _trace(
@@ -232,20 +236,15 @@ def _trace(
     return tracer.visible(np.asarray(points.origin), directions, active, limits)
 
 
-@partial(jax.jit, static_argnames="missing")
-def pad_points(points: ShadingPoints, missing: int) -> ShadingPoints:
-    """The points with the last one ``missing`` times more."""
+def slice_points(points: ShadingPoints, start: int, count: int) -> ShadingPoints:
+    """``count`` points from ``start`` on, the last one repeated where there are no more."""
 
-    def pad_rows(leaf: Array) -> Array:
-        return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)])
+    def rows(leaf: np.ndarray) -> np.ndarray:
+        part = leaf[start : start + count]
+        missing = count - len(part)
+        return np.concatenate([part, part[-1:].repeat(missing, axis=0)]) if missing else part
 
-    return jax.tree.map(pad_rows, points)
-
-
-@partial(jax.jit, static_argnames="count")
-def slice_points(points: ShadingPoints, start: Int[Array, ""] | int, count: int) -> ShadingPoints:
-    """``count`` points from ``start`` on."""
-    return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, count), points)
+    return map_on_host(rows, points)
 
 
 @jax.jit

@@ -102,6 +102,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator["Client"]:
     try:
         import dask
         from distributed import Client, LocalCluster
+        from distributed.comm import CommClosedError
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             'several processes need Dask: pip install "jaxvis[distributed]", or take 0 workers'
@@ -118,7 +119,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator["Client"]:
         try:
             with client:
                 yield client
-        except CancelledError as error:
+        except (CancelledError, CommClosedError) as error:
             raise OSError(f"lost the cluster at {scheduler}; sweep again to go on") from error
         finally:
             logger.setLevel(level)

@@ -1,7 +1,8 @@
-"""Another light or seed compiles nothing: sweeps and interaction wait for frames only."""
+"""Another light, camera or seed compiles nothing: interaction waits for frames only."""
 
 import contextlib
 import logging
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from jaxvis.scene import trace_surface
 from tests.methods.known_scenes import MATERIALS, SCENES
 
 BOX = SCENES[2]
+CAMERAS = (BOX.camera, replace(BOX.camera, eye=(1.3, 2.6, 4.0)))
 SMALLER = {
     "vectorized": "vectors=16,resolution=16,zeta=0",
     "correspondence": "vectors=16,resolution=16,zeta=0",
@@ -60,8 +62,8 @@ def test_compilations_are_seen():
 
 
 @pytest.mark.parametrize("name", names())
-def test_another_light_compiles_nothing(name, own_caches):
-    """Of the same size, whatever its name is."""
+def test_another_light_and_camera_compile_nothing(name, own_caches):
+    """Of the same size, whatever the light's name is."""
     method = create(f"{name}:{SMALLER.get(name, 'spp=4')}")
     # How often images by polygons are evaluated depends on the light, unless they are diffuse and
     # zeta is 0: programs for another power of two may be compiled.
@@ -69,13 +71,14 @@ def test_another_light_compiles_nothing(name, own_caches):
     scene = BOX.with_material(*MATERIALS[material])
     visibility = method.precompute(scene, progress=False)
 
-    def frame(seed):
-        surface = trace_surface(scene, BOX.camera, (24, 18))
+    def frame(camera, seed):
+        surface = trace_surface(scene, CAMERAS[camera], (24, 18))
         key = jax.random.key(seed)
         return np.asarray(method.shade(visibility, method.light(light(seed)), surface, key=key))
 
-    first = frame(0)
+    frames = [frame(0, 0)]
     with compilations() as found:
-        second = frame(1)
+        frames += [frame(0, 1), frame(1, 1)]
     assert found == []
-    assert not np.array_equal(first, second)
+    assert not np.array_equal(frames[0], frames[1])
+    assert not np.array_equal(frames[1], frames[2])

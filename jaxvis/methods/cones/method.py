@@ -41,6 +41,9 @@ from jaxvis.scene import Scene, Surface
 POINTS_AT_ONCE = 4096
 """Points whose cones are followed together: their state stays in the cache."""
 
+FEW_POINTS = 1024
+"""And in images that have no more, so that they are padded less."""
+
 SKY_STRIDE = 4
 """Texels between those at which light from the sky is traced."""
 
@@ -197,8 +200,9 @@ class HybridCones(Method):
             fallen = fallen + irradiance(
                 points.normal, jnp.asarray(sunlit), light.sun_directions, light.sun_flux
             )
-        radiance = points.material.base_colour * fallen / math.pi
-        return to_image(surface, points, np.asarray(radiance))
+        # On the host, as the number of points is another in every view.
+        albedo = np.asarray(points.material.base_colour)
+        return to_image(surface, points, albedo * (np.asarray(fallen) / np.float32(math.pi)))
 
     def gather(
         self, visibility: ConeVisibility, maps: Lightmaps, light: ConeLight, surface: Surface
@@ -215,8 +219,8 @@ class HybridCones(Method):
         off = self._offset * voxel
         away, first = np.where(flat, 0.25 * texel, off), np.where(flat, texel, off)
         apart = np.where(flat, 0.0, off)
-        lengths = (jnp.asarray(length, jnp.float32) for length in (away, first, apart))
-        starts = Points(jnp.asarray(position), points.normal, *lengths)
+        lengths = (length.astype(np.float32) for length in (away, first, apart))
+        starts = Points(*map(jax.device_put, (position, points.normal, *lengths)))
         march = self._march(maps)
 
         def trace(some: Points) -> Array:
@@ -293,7 +297,7 @@ def _in_threads(
     count = len(points.position)
     if not count:
         return jnp.zeros((0, 3))
-    size = min(POINTS_AT_ONCE, 1 << (count - 1).bit_length())
+    size = POINTS_AT_ONCE if count > FEW_POINTS else FEW_POINTS
     missing = -count % size
     padded = jax.tree.map(
         lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], missing, axis=0)]),
@@ -305,4 +309,4 @@ def _in_threads(
     ]
     with ThreadPoolExecutor(core_count(), thread_name_prefix="jaxvis-cones") as pool:
         found = list(pool.map(lambda block: jax.block_until_ready(trace(block)), blocks))
-    return jnp.concatenate(found)[:count]
+    return jax.device_put(np.concatenate(found)[:count])

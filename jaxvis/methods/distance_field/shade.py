@@ -16,7 +16,7 @@ import operator
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from jaxvis.chunks import map_on_host
 from jaxvis.cores import core_count
 from jaxvis.lighting import SphereLights
 from jaxvis.methods.distance_field.fetch import signed_distances_at
@@ -49,6 +50,9 @@ SPHERES_AT_ONCE = 16
 
 PIXELS_AT_ONCE = 1 << 11
 """That meet these lobes at once: what is computed for them stays in the cache."""
+
+VERTICES_AT_ONCE = 1 << 10
+"""For which these lobes' distances are interpolated at once."""
 
 
 @jax.tree_util.register_dataclass
@@ -97,13 +101,15 @@ class Lobes(NamedTuple):
     """Times the solid angle, the light of a lobe."""
 
 
+T = TypeVar("T")
 Towards = Callable[[Fragments], Lobes]
 
 
 def view_of(fields: DistanceFields, surface: Surface) -> View:
     """The pixels of a surface and the vertices at their corners (host).
 
-    Lists are padded to few different lengths, so that the frames of an animation share programs.
+    Lists are as long as there are pixels in the image, and vertices in the field: no other view
+    needs other programs. Blocks of padding alone are not evaluated.
 
     Raises:
         ValueError: pixels see what has no samples; says what to do.
@@ -125,11 +131,11 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
             "the surface shows vertices that were not sampled: precompute for this surface, "
             "or without one for all views"
         )
-    rows = padded_length(len(vertex))
-    count = padded_length(len(pixel), PIXELS_AT_ONCE * core_count())
+    rows = _whole(len(fields.weights), VERTICES_AT_ONCE)
+    count = _whole(surface.mask.size, PIXELS_AT_ONCE * core_count())
 
     def listed(values: np.ndarray) -> Array:
-        return jnp.asarray(_padded(values, count))
+        return jax.device_put(_padded(values, count))  # jnp.asarray would compile for the shape
 
     def material(leaf: Array) -> Array:
         if isinstance(leaf, Tracer):  # differentiated, which the host cannot be
@@ -146,11 +152,16 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
         jax.tree.map(material, surface.material),
     )
     return View(
-        jnp.asarray(_padded(np.asarray(fields.near)[vertex], rows)),
-        jnp.asarray(_padded(weights, rows)),
+        jax.device_put(_padded(np.asarray(fields.near)[vertex], rows)),
+        jax.device_put(_padded(weights, rows)),
         fragments,
-        jnp.asarray(np.pad(pixel, (0, count - len(pixel)), constant_values=surface.mask.size)),
+        jax.device_put(np.pad(pixel, (0, count - len(pixel)), constant_values=surface.mask.size)),
     )
+
+
+def _whole(count: int, block: int) -> int:
+    """``count`` in whole blocks, one at least."""
+    return max(1, -(-count // block)) * block
 
 
 def padded_length(count: int, step: int = 1) -> int:
@@ -191,7 +202,7 @@ def shade_view(
 def _in_threads(
     shade: Callable[[Fragments], Array], fragments: Fragments, others: object
 ) -> Float[Array, "pixels 3"]:
-    """The fragments in one part a core: XLA runs a loop over chunks on one.
+    """The fragments in one part a core: XLA runs a loop over blocks on one.
 
     In one piece where JAX transforms the function, whose traces belong to a thread, and on a GPU.
     """
@@ -200,13 +211,17 @@ def _in_threads(
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((fragments, others)))
     if parts < 2 or traced or jax.default_backend() != "cpu":
         return shade(fragments)
-    size = len(fragments.corners) // parts
-    pieces = [
-        jax.tree.map(lambda leaf, k=k: leaf[k * size : (k + 1) * size], fragments)
-        for k in range(parts)
-    ]
+
+    def dealt(leaf: np.ndarray, part: int) -> np.ndarray:
+        # Block by block in turn, since padding is at the end.
+        blocks = leaf.reshape(-1, PIXELS_AT_ONCE, *leaf.shape[1:])
+        return blocks[part::parts].reshape(-1, *leaf.shape[1:])
+
+    pieces = [map_on_host(functools.partial(dealt, part=part), fragments) for part in range(parts)]
     with ThreadPoolExecutor(parts, thread_name_prefix="jaxvis-shading") as pool:
-        return jnp.concatenate(list(pool.map(shade, pieces)))
+        found = [np.asarray(piece) for piece in pool.map(shade, pieces)]
+    blocks = [piece.reshape(-1, PIXELS_AT_ONCE, 3) for piece in found]
+    return jax.device_put(np.stack(blocks, axis=1).reshape(-1, 3))
 
 
 def _rows(leaf: Array | np.ndarray, count: int) -> Array | np.ndarray:
@@ -229,22 +244,26 @@ def radiance_of(
     reflectance: Reflectance,
 ) -> Float[Array, "pixels 3"]:
     """Radiance that each fragment sends to the viewer; spheres are in its coordinates."""
-    chunked = jax.tree.map(
-        lambda leaf: leaf.reshape(-1, min(PIXELS_AT_ONCE, len(leaf)), *leaf.shape[1:]), fragments
-    )
+    chunked = _blocks(fragments, min(PIXELS_AT_ONCE, len(fragments.normal)))
+    rows = _blocks((near, weights), min(VERTICES_AT_ONCE, len(near)))
 
     def light_of(axes: Float[Array, "*samples lobes 3"], towards: Towards) -> Terms:
         """Of a block of lobes, along these axes from the samples."""
         at_samples = signed_distances_at(samples.signed_distance, samples.frames, axes)
-        at_vertices = _added(
-            weights[:, k : k + 1] * jnp.take(at_samples, near[:, k], axis=0, mode="clip")
-            for k in range(near.shape[1])
-        )
+
+        def at_some(some: tuple[Array, Array]) -> Array:
+            near, weights = some
+            return _added(
+                weights[:, k : k + 1] * jnp.take(at_samples, near[:, k], axis=0, mode="clip")
+                for k in range(near.shape[1])
+            )
+
+        at_vertices = _where_used(at_some, rows, rows[1]).reshape(-1, at_samples.shape[1])
 
         def terms(part: Fragments) -> Terms:
             return _light_terms(part, at_vertices, towards(part), reflectance)
 
-        return jax.lax.map(jax.checkpoint(terms), chunked)
+        return _where_used(jax.checkpoint(terms), chunked, chunked.normal)
 
     def add_block(total: Terms, block: SphericalGaussians) -> tuple[Terms, None]:
         seen = light_of(block.axis, _from_infinity(block))
@@ -263,6 +282,24 @@ def radiance_of(
     flat = [t.reshape(-1, 3) if t.ndim == 3 else jnp.zeros((1, 3)) for t in total]
     colours = reflectance.colours(fragments.material)
     return _added(colour * light for colour, light in zip(colours, flat, strict=True))
+
+
+def _blocks(tree: T, size: int) -> T:
+    """Every leaf's rows in blocks of ``size``."""
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), tree)
+
+
+def _where_used(
+    function: Callable[[T], Any], blocks: T, marks: Float[Array, "blocks *rest"]
+) -> Any:
+    """The function of every block, or zeros where the block's marks are 0: it is padding."""
+    used = jnp.any(marks != 0.0, axis=tuple(range(1, marks.ndim)))
+    like = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], blocks))
+
+    def nothing(block: T) -> Any:
+        return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+
+    return jax.lax.map(lambda one: jax.lax.cond(one[0], function, nothing, one[1]), (used, blocks))
 
 
 def _from_infinity(block: SphericalGaussians) -> Towards:

@@ -33,7 +33,7 @@ class ImportanceDriven(Estimator):
     """MIS IDES: rays from the approximated directional distribution and, a share of ``brdf`` of
     them, from the BRDF, weighted by the balance heuristic.
 
-    A pre-pass in every ``shade`` traces up to ``paths`` rays from what the camera sees, drawn by
+    A pre-pass in every ``shade`` traces ``paths`` rays from what the camera sees, drawn by
     the BRDF with random numbers of their own, and bins those that leave the scene. This path map,
     blurred and with a ``floor`` in [0, 1] (the share that is the same in every direction), times
     the luminance is what directions are drawn from: light that the surface does not see is drawn

@@ -4,6 +4,7 @@ section IV-D).
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -11,13 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from jaxvis.chunks import map_on_host
 from jaxvis.methods.estimators import draw_brdf, random_numbers
 from jaxvis.methods.traced import (
     Components,
     Proposal,
     Propose,
     ShadingPoints,
-    pad_points,
+    block_points,
     propose,
     reflected,
     slice_points,
@@ -42,21 +44,20 @@ def path_map(
 ) -> Float[np.ndarray, "rows columns"]:
     """What free rays from the points, drawn by the BRDF, carry through each cell (host, float64).
 
-    Of the sum over ``paths`` rays or a little fewer, each cell of a lat-long map of this ``shape``
-    gets the throughput (luminance of BRDF x cosine / density) of those that leave through it. In
-    expectation that is the integral over the cell of BRDF x cosine x visibility, summed over
-    points: their contribution under light of luminance 1.
+    Of the sum over ``paths`` rays, each cell of a lat-long map of this ``shape`` gets the
+    throughput (luminance of BRDF x cosine / density) of those that leave through it. In expectation
+    that is the integral over the cell of BRDF x cosine x visibility, summed over where paths start:
+    their contribution under light of luminance 1.
     """
     total = np.zeros(shape[0] * shape[1])
     count = len(points.pixel)
     if count == 0:
         return total.reshape(shape)
-    some, samples = _chosen(points, paths)
 
     def proposed(block: ShadingPoints) -> Proposal:
-        return brdf_paths(block, words, samples, reflectance=reflectance)
+        return brdf_paths(block, words, 1, reflectance=reflectance)
 
-    for rays, visible in traced(tracer, some, proposed, samples):
+    for rays, visible in traced(tracer, _starts(points, paths), proposed, 1):
         cells = np.asarray(cells_of(rays, shape=shape))
         total += np.bincount(cells[visible], np.asarray(_carried(rays))[visible], len(total))
     return total.reshape(shape)
@@ -97,12 +98,10 @@ def traced(
     Blocks are padded with points that no ray is traced from.
     """
     count = len(points.pixel)
-    block = 1 << max(0, (max(1, RAYS_PER_BLOCK // samples)).bit_length() - 1)
-    block = min(block, 1 << max(0, count - 1).bit_length())
-    padded = pad_points(points, -count % block)
+    block = block_points(count, samples, RAYS_PER_BLOCK)
 
     def trace(start: int) -> tuple[Proposal, Bool[np.ndarray, "points samples"]]:
-        part = slice_points(padded, start, block)
+        part = slice_points(points, start, block)
         rays = proposed(part)
         active = np.array(rays.active)
         active[count - start :] = False
@@ -116,18 +115,16 @@ def traced(
         yield from pool.map(trace, starts[1:])
 
 
-def _chosen(points: ShadingPoints, paths: int) -> tuple[ShadingPoints, int]:
-    """Points that paths start from, and how many from each: all, or evenly spread ones."""
+def _starts(points: ShadingPoints, paths: int) -> ShadingPoints:
+    """Points that paths start from, evenly spread; those that start more than one count as often.
+
+    As many whatever the number of points, so that no other camera needs other programs; numbered
+    anew, since random numbers belong to pixels.
+    """
     count = len(points.pixel)
-    if count <= paths:
-        return points, paths // count
-    index = (np.arange(paths) + 0.5) * (count / paths)
-    return _taken(points, jnp.asarray(index.astype(np.int32))), 1
-
-
-@jax.jit
-def _taken(points: ShadingPoints, index: Array) -> ShadingPoints:
-    return jax.tree.map(lambda leaf: jnp.take(leaf, index, axis=0, mode="clip"), points)
+    index = ((np.arange(paths) + 0.5) * (count / paths)).astype(np.int64)
+    some = map_on_host(lambda leaf: leaf.take(index, axis=0), points)
+    return replace(some, pixel=jnp.arange(paths))
 
 
 @jax.jit

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float32, Int32
 
 from jaxvis.methods.vectorized.correspondence.interpolated import joined_outlines, polygons_of
@@ -46,16 +46,23 @@ class Plan(NamedTuple):
 
 
 def room(count: int) -> int:
-    """``count`` rounded up to one of eight sizes an octave, at least 64."""
-    step = max(64, 1 << max(0, count.bit_length() - 4))
-    return max(1, -(-count // step)) * step
+    """``count`` rounded up to 16384, or 4, 16, ... times as many: other views seldom compile anew.
+
+    What is padded to it are a few numbers each, looked up and not evaluated.
+    """
+    size = 16384
+    while size < count:
+        size *= 4
+    return size
 
 
 def padded(values: Array | np.ndarray, capacity: int) -> Array | np.ndarray:
-    """``values`` with zeros after them."""
-    xp = jnp if isinstance(values, jax.Array) else np
-    rest = xp.zeros((capacity - len(values), *values.shape[1:]), values.dtype)
-    return xp.concatenate([values, rest])
+    """``values`` with zeros after them: on the host, unless JAX transforms them."""
+    if isinstance(values, Tracer):
+        rest = jnp.zeros((capacity - len(values), *values.shape[1:]), values.dtype)
+        return jnp.concatenate([values, rest])
+    host = np.asarray(values)
+    return np.concatenate([host, np.zeros((capacity - len(host), *host.shape[1:]), host.dtype)])
 
 
 def needed_sites(plan: Plan) -> Int32[np.ndarray, "needed"]:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
+from jaxvis.chunks import map_on_host
 from jaxvis.methods.estimators import (
     Counts,
     Draw,
@@ -264,7 +265,6 @@ def _add(
     radiance[rays.point[begins]] += sums
 
 
-@jax.jit
-def _taken(points: ShadingPoints, chosen: Int[Array | np.ndarray, "rays"]) -> ShadingPoints:
+def _taken(points: ShadingPoints, chosen: Int[np.ndarray, "rays"]) -> ShadingPoints:
     """The point of each ray."""
-    return jax.tree.map(lambda leaf: jnp.take(leaf, chosen, axis=0), points)
+    return map_on_host(lambda leaf: leaf.take(chosen, axis=0), points)

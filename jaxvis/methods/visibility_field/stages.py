@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Int, UInt8
 
-from jaxvis.methods.traced import ShadingPoints, pad_points, slice_points
+from jaxvis.methods.traced import ShadingPoints, block_points, slice_points
 from jaxvis.methods.visibility_field.left import Listed, Turned, settle
 from jaxvis.scene import RayTracer
 
@@ -49,11 +49,6 @@ class Block(NamedTuple):
 Draw = Callable[[ShadingPoints], Rays]
 
 
-def block_points(samples: int) -> int:
-    """Points in a block: a power of two."""
-    return 1 << (max(1, RAYS_PER_BLOCK // samples).bit_length() - 1)
-
-
 def traced_blocks(
     tracer: RayTracer,
     points: ShadingPoints,
@@ -71,14 +66,13 @@ def traced_blocks(
         advance: called with the number of points done.
     """
     count = len(points.pixel)
-    block = block_points(samples)
-    padded = pad_points(points, -count % block)
+    block = block_points(count, samples, RAYS_PER_BLOCK)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
     with ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-field") as pool:
         for begin in range(0, count, chunk):
             blocks = []
             for first in range(begin, min(begin + chunk, count), block):
-                part = slice_points(padded, first, block)
+                part = slice_points(points, first, block)
                 blocks.append(Block(first, min(block, count - first), part, draw(part)))
             yield from zip(blocks, _trace(tracer, pool, blocks), strict=True)
             advance(min(chunk, count - begin))

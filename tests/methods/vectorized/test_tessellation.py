@@ -293,10 +293,9 @@ def test_backs_have_polygons_of_their_own_or_are_refused():
 
 
 def test_rooms_are_few_and_large_enough():
-    rooms = [room(n) for n in range(1, 20_000)]
-    assert all(r >= n for n, r in enumerate(rooms, start=1))
-    assert all(r <= 1.15 * n + 64 for n, r in enumerate(rooms, start=1))
-    assert len(set(rooms)) < 90
+    rooms = [room(n) for n in range(1, 70_000, 7)]
+    assert all(n <= r < max(4 * n, 16385) for n, r in zip(range(1, 70_000, 7), rooms, strict=True))
+    assert set(rooms) == {16384, 65536, 262144}
 
 
 def test_contrast_is_relative_to_white_and_to_what_is_seen():
