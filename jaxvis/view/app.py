@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxvis import methods
+from jaxvis.compare.run import one_line
 from jaxvis.lighting import Environment
 from jaxvis.scene import Camera, Scene, default_camera
 from jaxvis.view.session import Frame, Look, Session
@@ -34,7 +35,7 @@ WIDTH_STEP = 32
 
 
 class App:
-    """A viewer that runs until :meth:`stop`; in a notebook, displaying it shows it.
+    """A viewer that runs until :meth:`stop`; a notebook in a browser on this machine shows it.
 
     The image behind the browser's (empty) scene is that of the method: a quicker one while
     something moves, if frames are slow, then whole, then, where there is noise, the mean of more
@@ -134,13 +135,13 @@ class App:
             view.begin(look)
         try:
             frame = self._next_frame(view)
-        except (ValueError, FileNotFoundError) as error:
-            self._controls.status.content = f"**{error}**"
+            if frame is not None:
+                view.took(frame)
+            reference = self._reference(view)
+        except Exception as error:  # whatever it is, the window stays alive and says it
+            self._controls.status.content = f"**{one_line(error)}**"
             view.refused = True
             return True
-        if frame is not None:
-            view.took(frame)
-        reference = self._reference(view)
         if frame is None and not reference and view.shown == self._controls.display:
             return False
         self._show(client, view)
@@ -173,13 +174,15 @@ class App:
         """Whether there is a reference now that there was not before."""
         look, frame = view.look, view.frame
         still = time.perf_counter() - view.since > STILL
-        if not (self._controls.compare.value and still and frame and frame.look == look):
+        wanted = self._controls.compare.value and still and not view.refused
+        if not (wanted and frame and frame.look == look):
             return False
         if view.waiting is None and view.reference is None:
             view.waiting = self._pool.submit(self._truth.reference, frame.look)
         if view.waiting is None or not view.waiting.done():
             return False
-        view.reference, view.waiting = view.waiting.result(), None
+        done, view.waiting = view.waiting, None
+        view.reference = done.result()
         return True
 
     def _show(self, client: "ClientHandle", view: "View") -> None:

@@ -79,12 +79,22 @@ def test_the_window_shows_the_scene_its_error_and_its_light_turns(app, browser):
     wait_until(lambda: "dB" in status(app))
 
 
+def test_a_camera_that_moves_is_followed(app, browser):
+    before = picture(browser)
+    (client,) = app._server.get_clients().values()
+    client.camera.position = 1.5 * np.asarray(client.camera.position)
+    (view,) = app._views.values()
+    wait_until(lambda: view.look.camera.eye[1] > 1.2 * BOX.camera.eye[1])
+    wait_until(lambda: view.frame is not None and view.frame.look == view.look)
+    time.sleep(1.0)
+    assert np.abs(picture(browser) - before).mean() > 3.0
+
+
 def test_it_spins_while_frames_come(app, browser):
-    app._controls.spin.value = True
     before = app._controls.turn.value
-    wait_until(lambda: "frames/s" in status(app))
+    app._controls.spin.value = True
+    wait_until(lambda: app._controls.turn.value != before and "frames/s" in status(app))
     app._controls.spin.value = False
-    assert app._controls.turn.value != before
 
 
 def test_what_cannot_be_is_said_and_the_next_is_shown(app, browser):
@@ -92,6 +102,18 @@ def test_what_cannot_be_is_said_and_the_next_is_shown(app, browser):
     wait_until(lambda: "zeta must be float" in status(app))
     app._controls.method.value, app._controls.parameters.value = "mc-mis", "spp=1"
     wait_until(lambda: "mean of" in status(app))  # noise is averaged
+
+
+def test_a_fault_does_not_end_it(app, browser, monkeypatch):
+    def fail(look, seed=0):
+        raise RuntimeError("out of memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(app._session, "frame", fail)
+        app._controls.turn.value = 10.0
+        wait_until(lambda: "RuntimeError: out of memory" in status(app))
+    app._controls.turn.value = 20.0
+    wait_until(lambda: "ms" in status(app))
 
 
 def test_a_notebook_shows_it_in_place(app):
