@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxvis import datasets, image, lighting, methods, reflectance, sampling, scene, sphere
+    from jaxvis.cluster import on_cluster
     from jaxvis.compare import compare
     from jaxvis.errors import InvalidEnvironment, InvalidScene, JaxvisWarning
     from jaxvis.lighting import Environment, load_environment
@@ -50,6 +51,7 @@ _PACKAGES = (
     "sphere",
 )
 _HOMES = {
+    "on_cluster": "cluster",
     "compare": "compare",
     "InvalidEnvironment": "errors",
     "InvalidScene": "errors",
@@ -109,6 +111,7 @@ __all__ = [
     "load_environment",
     "load_scene",
     "methods",
+    "on_cluster",
     "reflectance",
     "sampling",
     "scene",

@@ -44,6 +44,17 @@ def _pad_to(leaf: jax.Array, count: int) -> jax.Array:
     return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], missing, axis=0)]) if missing else leaf
 
 
+def block_of(tree: T, start: int, count: int) -> T:
+    """``count`` rows from ``start`` on, the last one repeated where there are no more (host)."""
+
+    def rows(leaf: np.ndarray) -> np.ndarray:
+        part = leaf[start : start + count]
+        missing = count - len(part)
+        return np.concatenate([part, part[-1:].repeat(missing, axis=0)]) if missing else part
+
+    return map_on_host(rows, tree)
+
+
 def map_on_host(function: Callable[[np.ndarray], np.ndarray], tree: T) -> T:
     """Every leaf through a NumPy function, and all of them to the device together.
 

@@ -1,4 +1,4 @@
-"""The command line: ``jaxvis compare|render|precompute|sweep|info|methods`` (DESIGN §5).
+"""The command line: ``jaxvis compare|render|precompute|sweep|view|info|methods`` (DESIGN §5).
 
 Exit codes: 0 done, 1 a method failed in a comparison, 2 bad input or usage, 130 interrupted.
 Nothing heavy is imported before it is needed, so that ``jaxvis --help`` answers at once.
@@ -140,6 +140,7 @@ def _render_frames(options: argparse.Namespace) -> int:
 
 
 def _precompute(options: argparse.Namespace) -> int:
+    from jaxvis.cluster import on_cluster
     from jaxvis.compare import file_stem, output_folder, use_compilation_cache
     from jaxvis.methods import create
     from jaxvis.report import numbers
@@ -148,7 +149,10 @@ def _precompute(options: argparse.Namespace) -> int:
     with output_folder(options.out) as folder:
         method = create(options.method, spp=options.spp)
         scene, _ = _scene_and_camera(options)
-        visibility = method.precompute(scene, progress=sys.stderr.isatty())
+        with contextlib.ExitStack() as stack:
+            if options.workers is not None or options.scheduler is not None:
+                stack.enter_context(on_cluster(options.scheduler, workers=options.workers))
+            visibility = method.precompute(scene, progress=sys.stderr.isatty())
         name = f"{file_stem(options.method)}.npz"
         visibility.save(folder / name)
     print(f"{Path(options.out) / name} ({numbers.memory(visibility.nbytes)} in memory)")
@@ -361,6 +365,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     precompute.add_argument("method", metavar="METHOD")
     _common_options(precompute)
+    _cluster_options(
+        precompute, "share it out among processes of one core each (default: this process alone)"
+    )
     sweep = _command(
         commands, "sweep", _sweep, "every combination in a TOML file, resumed where it stopped"
     )
@@ -368,13 +375,9 @@ def _parser() -> argparse.ArgumentParser:
     sweep.add_argument(
         "--out", help=f"folder to keep rows in (default {OUT})", default=OUT, metavar="DIR"
     )
-    sweep.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help="processes of one core each (default: as many as cores); 0: this process, all cores",
+    _cluster_options(
+        sweep, "processes of one core each (default: as many as cores); 0: this process, all cores"
     )
-    sweep.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster: tcp://HOST:PORT")
     sweep.add_argument("--retry", action="store_true", help="run rows that failed again")
     view = _command(commands, "view", _view, "orbit a scene and turn its light in the browser")
     for name, summary, default in (
@@ -400,6 +403,11 @@ def _command(commands: Any, name: str, run: Any, summary: str) -> argparse.Argum
         "--debug", action="store_true", help="stop at the first error and show its traceback"
     )
     return command
+
+
+def _cluster_options(parser: argparse.ArgumentParser, workers: str) -> None:
+    parser.add_argument("--workers", type=int, metavar="N", help=workers)
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster: tcp://HOST:PORT")
 
 
 def _common_options(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,9 @@
 """Array annotations are checked (jaxtyping, beartype) in tests only; caches of their own."""
 
+import contextlib
+import ctypes
 import os
+from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
@@ -28,6 +31,20 @@ def optimised():
     yield
     jax.config.update("jax_disable_most_optimizations", True)
     jax.clear_caches()
+
+
+MOST_GIGABYTES = 3.0
+"""That a test process holds before it lets go of its compiled programs: all come to over 6."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def bounded_memory():
+    yield
+    with contextlib.suppress(OSError, AttributeError):  # on systems that do not tell, or trim
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        if pages * os.sysconf("SC_PAGE_SIZE") > MOST_GIGABYTES * 1e9:
+            jax.clear_caches()
+            ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -13,6 +13,7 @@ LAYERS = [
     "chunks",
     "compiled",
     "cores",
+    "cluster",
     "cache",
     "specs",
     "pixels",

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Float32, Float64, Int
 from tqdm.auto import tqdm
 
+from jaxvis.chunks import block_of
 from jaxvis.methods.balanced import (
     Lights,
     ReferenceLight,
@@ -31,7 +32,6 @@ from jaxvis.methods.traced import (
     Proposal,
     ShadingPoints,
     block_points,
-    slice_points,
 )
 from jaxvis.reflectance import Lambert, MaterialValues
 from jaxvis.sampling.sequences import BELOW_ONE, sobol
@@ -152,9 +152,7 @@ class _Integral:
 
         def shade_block(start: int) -> None:
             inside = min(block, count - start)
-            ray, origins, directions = _leave(
-                slice_points(self._points, start, block), numbers, inside
-            )
+            ray, origins, directions = _leave(block_of(self._points, start, block), numbers, inside)
             places = self._reflectors.at(
                 _closest_hits(self._tracer, origins, directions), directions
             )

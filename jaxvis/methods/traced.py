@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxvis.cache import load_arrays, save_arrays
-from jaxvis.chunks import map_on_host
+from jaxvis.chunks import block_of
 from jaxvis.reflectance import MaterialValues, Reflectance
 from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.scene.rays import offset_origins
@@ -195,7 +195,7 @@ def trace_and_sum(
 
     def shade_chunk(first: int) -> int:
         starts = range(first, min(first + chunk, count), block)
-        blocks = [slice_points(points, start, block) for start in starts]
+        blocks = [block_of(points, start, block) for start in starts]
         for propose_rays in proposals:
             proposed = [propose_rays(part) for part in blocks]
             for start, part, rays in zip(starts, blocks, proposed, strict=True):
@@ -234,17 +234,6 @@ def _trace(
     directions = [np.asarray(axis) for axis in rays.directions]
     limits = None if rays.limits is None else np.asarray(rays.limits)
     return tracer.visible(np.asarray(points.origin), directions, active, limits)
-
-
-def slice_points(points: ShadingPoints, start: int, count: int) -> ShadingPoints:
-    """``count`` points from ``start`` on, the last one repeated where there are no more."""
-
-    def rows(leaf: np.ndarray) -> np.ndarray:
-        part = leaf[start : start + count]
-        missing = count - len(part)
-        return np.concatenate([part, part[-1:].repeat(missing, axis=0)]) if missing else part
-
-    return map_on_host(rows, points)
 
 
 @jax.jit

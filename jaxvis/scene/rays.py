@@ -70,6 +70,7 @@ class RayTracer:
         self.threads = core_count() if threads is None else threads
         if self.threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
+        self._mesh = positions, triangles
         self._lock = threading.Lock()
         self.rays_traced = 0
         self.embree_seconds = 0.0
@@ -81,6 +82,10 @@ class RayTracer:
         )
         # Embree builds its hierarchy in the first query, which must not run in two threads.
         self._scene.run(np.zeros((1, 3), np.float32), np.eye(3, dtype=np.float32)[:1])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process builds its own tree, traces in its own threads, and counts for itself."""
+        return RayTracer, self._mesh
 
     def occluded(
         self,

@@ -1,14 +1,14 @@
 """Runs a grid in this process, on this machine's cores, or on a Dask cluster."""
 
 import contextlib
-import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED
 from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from jaxvis.cluster import client_of, worker_threads
 from jaxvis.cores import core_count
 from jaxvis.sweep.grid import Grid, Job, split
 from jaxvis.sweep.store import Store, frame_of
@@ -17,18 +17,6 @@ from jaxvis.sweep.work import run_job
 if TYPE_CHECKING:
     import pandas
     from distributed import Client, Future
-
-LOCAL = {
-    # Rows may take long in compiled code, in which a worker cannot answer.
-    "distributed.scheduler.worker-ttl": None,
-    # Without Dask's own MALLOC_TRIM_THRESHOLD_: every array would be given back and fetched anew.
-    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
-    "logging.distributed": "error",
-}
-"""Dask's settings for workers of one core each; their memory is limited by the machine alone."""
-
-WAIT = 60.0
-"""Seconds that a sweep waits for a cluster that has no worker."""
 
 
 def run_grid(
@@ -62,7 +50,7 @@ def run_grid(
     Raises:
         ValueError, FileNotFoundError, OSError: bad input, or a cluster that does not answer; what
             was finished is kept.
-        ModuleNotFoundError: Dask is needed and not installed.
+        ModuleNotFoundError: Dask is needed and not installed; without it, take 0 workers.
     """
     if workers is not None and workers < 0:
         raise ValueError(f"workers must be at least 0, got {workers}")
@@ -85,7 +73,7 @@ def run_grid(
                     for job in left:
                         finished(job, run_job(job))
                 elif left:
-                    with _client(min(workers or core_count(), len(left)), scheduler) as client:
+                    with client_of(min(workers or core_count(), len(left)), scheduler) as client:
                         _distribute(client, left, finished, bound=scheduler is None)
         finally:
             store.write_tables(jobs)
@@ -94,48 +82,6 @@ def run_grid(
 
 def _is_left(row: dict[str, Any] | None, retry: bool) -> bool:
     return row is None or (retry and row.get("error") is not None)
-
-
-@contextlib.contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator["Client"]:
-    """A client of the cluster, or of one made for this sweep."""
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-        from distributed.comm import CommClosedError
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            'several processes need Dask: pip install "jaxvis[distributed]", or take 0 workers'
-        ) from error
-    if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout=WAIT)
-        except (OSError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            raise OSError(f"no Dask scheduler answers at {scheduler} ({reason})") from error
-        logger = logging.getLogger("distributed.client")
-        level = logger.level
-        logger.setLevel(logging.CRITICAL)  # else a lost connection prints a traceback as well
-        try:
-            with client:
-                yield client
-        except (CancelledError, CommClosedError) as error:
-            raise OSError(f"lost the cluster at {scheduler}; sweep again to go on") from error
-        finally:
-            logger.setLevel(level)
-        return
-    with (
-        dask.config.set(LOCAL),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            memory_limit=0,
-            dashboard_address=":0",
-            silence_logs=50,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
 
 
 def _distribute(
@@ -158,12 +104,12 @@ def _distribute(
     """
     from distributed import KilledWorker, wait
 
-    parts = split(jobs, len(_alive(client)))
+    parts = split(jobs, len(worker_threads(client)))
     parts = [part[::-1] if index % 2 else part for index, part in enumerate(parts)]
     own: dict[str, int] = {}
     running: dict[Future, tuple[Job, str]] = {}
     while any(parts) or running:
-        alive = _alive(client)
+        alive = list(worker_threads(client))
         own = {address: part for address, part in own.items() if address in alive}
         for address in set(alive) - set(own):
             own[address] = min(set(range(len(alive))) - set(own.values()))
@@ -190,16 +136,6 @@ def _distribute(
             except KilledWorker:
                 row = {"error": "the worker died, again and again: out of memory?"}
             finished(job, row)
-
-
-def _alive(client: "Client") -> list[str]:
-    """The addresses of the cluster's workers; waits for one."""
-    try:
-        client.wait_for_workers(1, timeout=WAIT)
-    except TimeoutError:
-        raise OSError(f"the cluster had no worker for {WAIT:.0f} s") from None
-    workers: Any = client.nthreads()
-    return list(workers)
 
 
 def _next_job(parts: list[list[Job]], own: int) -> Job | None:

@@ -113,7 +113,7 @@ def test_bad_input_stops_and_keeps_what_was_finished(tmp_path):
 
 
 def test_a_scheduler_that_is_not_there_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "WAIT", 1.0)
+    monkeypatch.setattr("jaxvis.cluster.WAIT", 1.0)
     with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run_grid(GRID, tmp_path, scheduler="tcp://127.0.0.1:9")
 
@@ -175,7 +175,7 @@ def test_a_cluster_that_dies_is_said_and_the_sweep_goes_on_later(tmp_path, alone
     found = []
 
     def sweep():
-        with pytest.raises(OSError, match=r"lost the cluster at tcp://.*sweep again") as error:
+        with pytest.raises(OSError, match=r"lost the cluster at tcp://.*run it again") as error:
             run_grid(GRID, tmp_path, scheduler=cluster.stdout.readline().strip())
         found.append(error.value)
 

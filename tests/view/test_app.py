@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from jaxvis.view import App
+from tests.interaction import light
 from tests.methods.known_scenes import MATERIALS, SCENES
-from tests.methods.test_no_compilation import light
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="the driver of browsers is missing")
 pytest.importorskip("viser", reason="the viewer's server is missing")

@@ -13,8 +13,8 @@ from jaxvis.methods import create
 from jaxvis.scene import trace_surface
 from jaxvis.view import Look, Session
 from jaxvis.view.session import quicker
+from tests.interaction import compilations, light, small
 from tests.methods.known_scenes import MATERIALS, SCENES
-from tests.methods.test_no_compilation import SMALLER, compilations, light
 
 BOX = SCENES[2].with_material(*MATERIALS["diffuse"])
 SIZE = (24, 18)
@@ -22,10 +22,6 @@ POLYGONS = ("vectorized", "correspondence")
 
 
 LIGHT = Environment(light(0).radiance * jnp.linspace(0.1, 4.0, 32)[:, None], "brighter on a side")
-
-
-def named(name):
-    return f"{name}:{SMALLER.get(name, 'spp=4')}"
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +48,7 @@ def test_gloss_turns_with_the_scene(own_caches):
 
 
 def agrees(session, name, yaw):
-    look = Look(named(name), BOX.camera, SIZE, yaw)
+    look = Look(small(name), BOX.camera, SIZE, yaw)
     method = create(look.method)
     scene = session.scene
     surface = trace_surface(scene, BOX.camera, SIZE)

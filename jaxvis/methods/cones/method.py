@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxvis.chunks import block_of
 from jaxvis.cores import core_count
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method, refuse_spheres
@@ -298,15 +299,7 @@ def _in_threads(
     if not count:
         return jnp.zeros((0, 3))
     size = POINTS_AT_ONCE if count > FEW_POINTS else FEW_POINTS
-    missing = -count % size
-    padded = jax.tree.map(
-        lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], missing, axis=0)]),
-        jax.tree.map(np.asarray, points),
-    )
-    blocks = [
-        jax.tree.map(lambda leaf, a=a: leaf[a : a + size], padded)
-        for a in range(0, count + missing, size)
-    ]
+    blocks = [block_of(points, start, size) for start in range(0, count, size)]
     with ThreadPoolExecutor(core_count(), thread_name_prefix="jaxvis-cones") as pool:
         found = list(pool.map(lambda block: jax.block_until_ready(trace(block)), blocks))
     return jax.device_put(np.concatenate(found)[:count])

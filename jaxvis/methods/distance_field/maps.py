@@ -8,11 +8,13 @@ it.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int
 
+from jaxvis.cluster import map_jobs
 from jaxvis.compiled import compiled
 from jaxvis.scene import RayTracer
 from jaxvis.sphere.hemisphere_grid import texel_directions
@@ -54,6 +56,15 @@ class Traced(NamedTuple):
     maps: Bool[np.ndarray, "samples n n"]
     """True where the sky is seen."""
     rays: int
+
+
+class _Task(NamedTuple):
+    """Maps of some samples, with ``level`` texels along each side, and which of them to trace."""
+
+    views: Views
+    level: int
+    values: Bool[np.ndarray, "samples n n"]
+    wanted: Bool[np.ndarray, "samples n n"]
 
 
 def check_resolution(resolution: int, coarsest: int) -> None:
@@ -103,53 +114,46 @@ def adaptive_maps(
     with ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-maps") as pool:
         jobs = [slice(a, a + SAMPLES_PER_JOB) for a in range(0, count, SAMPLES_PER_JOB)]
 
-        def in_jobs(function) -> int:
-            return sum(pool.map(function, jobs))
+        def in_jobs(function, *arrays: np.ndarray) -> None:
+            for _ in pool.map(lambda job: function(*(array[job] for array in arrays)), jobs):
+                pass
 
         while True:
-            local = texel_directions(level)
-
-            def trace(job: slice, local=local, values=values, wanted=wanted) -> int:
-                if known is not None:
-                    _keep(known.maps[job], known.stale[job], values[job], wanted[job])
-                return _trace(tracer, views.take(job), local, values[job], wanted[job])
-
-            rays += in_jobs(trace)
+            if known is not None:
+                in_jobs(_keep, known.maps, known.stale, values, wanted)
+            tasks = (_Task(views.take(job), level, values[job], wanted[job]) for job in jobs)
+            found = map_jobs(_traced, (tracer,), tasks, threads=tracer.threads)
+            for job, seen in zip(jobs, found, strict=True):
+                values[job] = seen.maps
+                rays += seen.rays
             if level == resolution:
                 return Traced(values, rays)
             marked = np.zeros(values.shape, np.bool_)
-            in_jobs(lambda job, v=values, m=marked: _mark_boundaries(v[job], m[job]))
+            in_jobs(_mark_boundaries, values, marked)
             if inherited is not None:
                 # What the coarser ray met and these rays miss is between them.
                 marked |= values != inherited
             if neighbours is not None and level <= HINTED:
                 own = marked
                 marked = own.copy()
-                in_jobs(
-                    lambda job, own=own, marked=marked, local=local: _mark_hints(
-                        own, views.frames, neighbours[job], job.start, local, marked[job]
-                    )
-                )
+                hint = partial(_mark_hints, own, views.frames, texel_directions(level))
+                in_jobs(hint, np.arange(count), neighbours, marked)
             level *= 2
             values, wanted = _doubled(values), _doubled(marked)
             inherited = values.copy() if level < resolution else None
 
 
-def _trace(
-    tracer: RayTracer,
-    views: Views,
-    local: Float32[np.ndarray, "n n 3"],
-    values: Bool[np.ndarray, "samples n n"],
-    wanted: Bool[np.ndarray, "samples n n"],
-) -> int:
-    """Fills the wanted texels; how many there were."""
+def _traced(tracer: RayTracer, task: _Task) -> Traced:
+    """The maps with their wanted texels filled, and how many there were."""
+    values, wanted = task.values.copy(), task.wanted
     count = int(np.count_nonzero(wanted))
     if count:
         origins = np.empty((count, 3), np.float32)
         directions = np.empty((count, 3), np.float32)
-        _list_rays(views.origins, views.frames, local, wanted, origins, directions)
+        local = texel_directions(task.level)
+        _list_rays(task.views.origins, task.views.frames, local, wanted, origins, directions)
         values[wanted] = ~tracer.occluded_block(origins, directions)
-    return count
+    return Traced(values, count)
 
 
 def _doubled(maps: Bool[np.ndarray, "samples n n"]) -> Bool[np.ndarray, "samples m m"]:
@@ -197,7 +201,6 @@ def _keep(maps, stale, values, wanted):
 def _mark_boundaries(values, marked):
     """Texels one of whose eight neighbours is of the other class."""
     side = values.shape[1]
-    found = 0
     for sample in range(values.shape[0]):
         for row in range(side):
             for column in range(side):
@@ -206,8 +209,6 @@ def _mark_boundaries(values, marked):
                     for j in range(max(column - 1, 0), min(column + 2, side)):
                         if values[sample, i, j] != own:
                             marked[sample, row, column] = True
-                found += marked[sample, row, column]
-    return found
 
 
 @compiled
@@ -222,13 +223,12 @@ def _any_beside(own, row, column):
 
 
 @compiled
-def _mark_hints(own, frames, neighbours, first, local, marked):
+def _mark_hints(own, frames, local, samples, neighbours, marked):
     """Texels at which neighbours, that look the same way, have a boundary texel."""
     side = marked.shape[1]
     scale = side / np.pi
-    found = 0
     for sample in range(neighbours.shape[0]):
-        frame = frames[first + sample]
+        frame = frames[samples[sample]]
         for place in range(neighbours.shape[1]):
             other = neighbours[sample, place]
             if other < 0:
@@ -250,7 +250,5 @@ def _mark_hints(own, frames, neighbours, first, local, marked):
                         i = int(scale * np.arccos(min(max(x, -1.0), 1.0)))
                         j = int(scale * np.arctan2(z, y))
                         i, j = min(i, side - 1), min(j, side - 1)
-                        if not _any_beside(own[first + sample], i, j):
+                        if not _any_beside(own[samples[sample]], i, j):
                             marked[sample, i, j] = True
-                            found += 1
-    return found

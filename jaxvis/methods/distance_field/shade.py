@@ -164,12 +164,10 @@ def _whole(count: int, block: int) -> int:
     return max(1, -(-count // block)) * block
 
 
-def padded_length(count: int, step: int = 1) -> int:
-    """At least ``count``, by at most an eighth more: one of eight lengths for every doubling, in
-    whole ``step``s."""
-    units = max(-(-count // step), 1)
-    grain = max(1 << max(units.bit_length() - 4, 0), 1)
-    return -(-units // grain) * grain * step
+def padded_length(count: int) -> int:
+    """At least ``count``, by at most an eighth more: one of eight lengths for every doubling."""
+    grain = 1 << max(count.bit_length() - 4, 0)
+    return max(-(-count // grain), 1) * grain
 
 
 def _padded(rows: np.ndarray, count: int) -> np.ndarray:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from jaxvis.chunks import map_on_host
+from jaxvis.chunks import block_of, map_on_host
 from jaxvis.methods.estimators import draw_brdf, random_numbers
 from jaxvis.methods.traced import (
     Components,
@@ -22,7 +22,6 @@ from jaxvis.methods.traced import (
     block_points,
     propose,
     reflected,
-    slice_points,
 )
 from jaxvis.reflectance import Reflectance
 from jaxvis.reflectance.model import luminance
@@ -101,7 +100,7 @@ def traced(
     block = block_points(count, samples, RAYS_PER_BLOCK)
 
     def trace(start: int) -> tuple[Proposal, Bool[np.ndarray, "points samples"]]:
-        part = slice_points(points, start, block)
+        part = block_of(points, start, block)
         rays = proposed(part)
         active = np.array(rays.active)
         active[count - start :] = False

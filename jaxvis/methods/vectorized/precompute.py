@@ -1,15 +1,13 @@
-"""From a scene to visibility polygons at its vertices: batches of samples, in threads (host)."""
+"""From a scene to visibility polygons at its vertices: batches of samples (host)."""
 
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 from tqdm.auto import tqdm
 
+from jaxvis.cluster import map_jobs
 from jaxvis.methods.vectorized.buried import buried
 from jaxvis.methods.vectorized.contours import Contours, trace_contours
 from jaxvis.methods.vectorized.hemisphere_map import (
@@ -171,28 +169,17 @@ def trace_polygons(
         origins = offset_origins(np.asarray(positions, np.float32), normals)
     samples = Samples.of(positions, normals, origins, dips)
     faceless = ~(np.abs(normals).max(axis=-1, initial=0.0) > 0.0)
-    trace = partial(_trace_batch, tracer, corners, settings)
     parts = [slice(start, start + BATCH) for start in range(0, count, BATCH)]
-    batches = [(samples.take(part), faceless[part]) for part in parts]
+    batches = ((samples.take(part), faceless[part]) for part in parts)
+    shared = tracer, corners, settings
     done = []
     with tqdm(total=count, desc="visibility", unit="vertex", disable=not progress) as bar:
-        for result in _in_threads(trace, batches, tracer.threads):
+        for result in map_jobs(_trace_batch, shared, batches, threads=tracer.threads):
             done.append(result)
             bar.update(len(result[1]))
     if not done:
         return np.zeros((0, 4, settings.vectors), np.float32), np.zeros(0, np.int32)
     return np.concatenate([d[0] for d in done]), np.concatenate([d[1] for d in done])
-
-
-def _in_threads(
-    function: Callable[[Any], Any], arguments: Iterable[Any], threads: int
-) -> Iterator[Any]:
-    """Maps in order. Array code and Embree leave the interpreter free for the other threads."""
-    if threads == 1:
-        yield from map(function, arguments)
-        return
-    with ThreadPoolExecutor(threads, thread_name_prefix="jaxvis-polygons") as pool:
-        yield from pool.map(function, arguments)
 
 
 def _trace_batch(

@@ -1,13 +1,15 @@
 """Precomputing a discrete visibility field (paper 001, Algorithm 1), in a stream of batches."""
 
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 from tqdm.auto import tqdm
 
+from jaxvis.cluster import cluster_size, map_jobs
 from jaxvis.methods.traced import RayVisibility
 from jaxvis.methods.visibility_field.field import OCCLUDED, VISIBLE, FieldVisibility, packed
 from jaxvis.methods.visibility_field.grid import Grid
@@ -41,6 +43,10 @@ CELLS_AT_ONCE = 1 << 13
 
 TRACED = 1 << 16
 """Rays that a thread traces at once: those of whole samples."""
+
+
+PARTS = 4
+"""Of the samples, for each thread of a cluster's workers."""
 
 
 class Settings(NamedTuple):
@@ -163,34 +169,69 @@ def trace_masks(scene: Scene, settings: Settings, *, progress: bool = True) -> M
     settings.check()
     grid = Grid.covering(scene.positions, settings.edge)
     surface = Surface.of(scene, grid, settings.sampling)
+    total = settings.samples
+    with tqdm(total=total, desc="visibility field", unit="sample", disable=not progress) as bar:
+        workers = cluster_size()
+        if not workers:
+            return _masks_of(scene.tracer, surface, grid, settings, range(total), bar.update)
+        # In a few parts for each worker: what they see is one however they are cut.
+        step = -(-total // (PARTS * workers * DRAWN)) * DRAWN
+        parts = [range(start, min(start + step, total)) for start in range(0, total, step)]
+        found = []
+        for masks in map_jobs(_masks_of, (scene.tracer, surface, grid, settings), parts):
+            found.append(masks)
+            bar.update(int(masks.counts.sum()))
+        return joined(found)
+
+
+def _masks_of(
+    tracer: RayTracer,
+    surface: Surface,
+    grid: Grid,
+    settings: Settings,
+    part: range,
+    advance: Callable[[int], Any] = lambda samples: None,
+) -> Masks:
+    """What a part of the samples saw. It starts and ends at a multiple of :data:`DRAWN`, or with
+    the last sample."""
     hemisphere = np.asarray(sample_uniform(hammersley(settings.rays)))
     tables = _Tables(settings.size**2)
-    tracer, total = scene.tracer, settings.samples
     block = max(1, TRACED // settings.rays)
     pool = ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-field")
-    bar = tqdm(total=total, desc="visibility field", unit="sample", disable=not progress)
     try:
-        prepare = partial(_batch, surface, grid, settings)
-        upcoming = pool.submit(prepare, 0)
-        for start in range(0, total, BATCH):
+        prepare = partial(_batch, surface, grid, settings, part.stop)
+        upcoming = pool.submit(prepare, part.start)
+        for start in range(part.start, part.stop, BATCH):
             samples = upcoming.result()
-            if start + BATCH < total:
+            if start + BATCH < part.stop:
                 upcoming = pool.submit(prepare, start + BATCH)
             rows = tables.rows(samples.cells)
             trace = partial(_trace, tracer, hemisphere, settings.size, samples, rows, tables.seen)
             blocks = [slice(first, first + block) for first in range(0, len(rows), block)]
             for done in pool.map(trace, blocks):
-                bar.update(done)
+                advance(done)
     finally:
         pool.shutdown(cancel_futures=True)
-        bar.close()
     return tables.masks(settings.size)
 
 
-def _batch(surface: Surface, grid: Grid, settings: Settings, start: int) -> Samples:
-    """The samples of the batch from ``start`` on, sorted by cell."""
-    total = settings.samples
-    stop = min(start + BATCH, total)
+def joined(parts: Sequence[Masks]) -> Masks:
+    """What all parts of the samples saw together (paper 001, eqs. 5 and 6)."""
+    keys = np.unique(np.concatenate([part.keys for part in parts]))
+    counts = np.zeros(len(keys), np.int32)
+    bits = parts[0].visible_bits.shape[1]
+    visible, occluded = (np.zeros((len(keys), bits), np.uint8) for _ in range(2))
+    for part in parts:
+        rows = np.searchsorted(keys, part.keys)
+        counts[rows] += part.counts
+        visible[rows] |= part.visible_bits
+        occluded[rows] |= part.occluded_bits
+    return Masks(keys, counts, visible, occluded, parts[0].size)
+
+
+def _batch(surface: Surface, grid: Grid, settings: Settings, end: int, start: int) -> Samples:
+    """The samples of the batch from ``start`` on, ``end`` at the most, sorted by cell."""
+    total, stop = settings.samples, min(start + BATCH, end)
     parts = [
         draw(surface, grid, first, min(first + DRAWN, stop), total=total, seed=settings.seed)
         for first in range(start, stop, DRAWN)

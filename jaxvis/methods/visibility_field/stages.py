@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Int, UInt8
 
-from jaxvis.methods.traced import ShadingPoints, block_points, slice_points
+from jaxvis.chunks import block_of
+from jaxvis.methods.traced import ShadingPoints, block_points
 from jaxvis.methods.visibility_field.left import Listed, Turned, settle
 from jaxvis.scene import RayTracer
 
@@ -72,7 +73,7 @@ def traced_blocks(
         for begin in range(0, count, chunk):
             blocks = []
             for first in range(begin, min(begin + chunk, count), block):
-                part = slice_points(points, first, block)
+                part = block_of(points, first, block)
                 blocks.append(Block(first, min(block, count - first), part, draw(part)))
             yield from zip(blocks, _trace(tracer, pool, blocks), strict=True)
             advance(min(chunk, count - begin))

@@ -135,7 +135,7 @@ def test_hints_are_directions_of_the_world():
     own[0, int(theta / np.pi * 16), int(phi / np.pi * 16)] = True
     marked = np.zeros((1, 16, 16), np.bool_)
     neighbours = np.array([[0]], np.int32)
-    module._mark_hints(own, frames, neighbours, 1, texel_directions(16), marked)
+    module._mark_hints(own, frames, texel_directions(16), np.array([1]), neighbours, marked)
     assert marked.sum() == 1
     i, j = np.argwhere(marked[0])[0]
     towards = texel_directions(16)[i, j] @ turned

@@ -1,16 +1,17 @@
-"""From visibility polygons to their correspondence: all stages, in threads (host)."""
+"""From visibility polygons to their correspondence: all stages (host)."""
 
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int, Int16, Int32
 from tqdm.auto import tqdm
 
+from jaxvis.cluster import map_jobs
 from jaxvis.methods.vectorized.correspondence.candidates import (
     Candidates,
     Layout,
@@ -31,7 +32,7 @@ from jaxvis.scene import RayTracer
 Construction = Literal["relaxed", "paper"]
 
 BATCH = 128
-"""Faces that a thread takes at once."""
+"""Faces of one job."""
 
 THREADS = min(2, os.cpu_count() or 1)
 
@@ -112,15 +113,30 @@ def build_correspondence(
     return _without(found, excess > settings.guard)
 
 
-def _in_threads(
-    function: Callable[[Int[np.ndarray, "faces"]], None], count: int, bar: tqdm | None = None
-) -> None:
-    """Calls a function for batches of faces; what it compiles and Qhull leave the interpreter."""
-    batches = [np.arange(start, min(start + BATCH, count)) for start in range(0, count, BATCH)]
-    with ThreadPoolExecutor(THREADS, thread_name_prefix="jaxvis-correspondence") as pool:
-        for batch, _ in zip(batches, pool.map(function, batches), strict=True):
-            if bar is not None:
-                bar.update(len(batch))
+def _in_batches(
+    function: Callable[..., Any],
+    shared: Sequence[Any],
+    fields: Sequence[Any],
+    bar: tqdm | None = None,
+) -> list[Any]:
+    """``function(*shared, part)`` of batches of faces: ``fields`` are arrays with a row for each
+    face, or tuples of such; a part has the same, of the batch's faces."""
+    count = len(jax.tree.leaves(fields)[0])
+    parts = (
+        jax.tree.map(lambda leaf, start=start: leaf[start : start + BATCH], fields)
+        for start in range(0, count, BATCH)
+    )
+    found = []
+    for result in map_jobs(function, shared, parts, threads=THREADS):
+        found.append(result)
+        if bar is not None:
+            bar.update(min(BATCH, count - BATCH * (len(found) - 1)))
+    return found
+
+
+def _joined(parts: Sequence[Sequence[np.ndarray]]) -> Iterator[np.ndarray]:
+    """Each field of the parts, of all faces."""
+    return map(np.concatenate, zip(*parts, strict=True))
 
 
 def _candidates(
@@ -131,22 +147,26 @@ def _candidates(
     bar: tqdm,
 ) -> tuple[Layout, Candidates]:
     vectors, counts = np.asarray(polygons.vectors), np.asarray(polygons.counts)
-    tangent = settings.tangent if settings.construction == "relaxed" else None
-    parts: dict[int, tuple[Layout, Candidates]] = {}
-
-    def find(batch: Int[np.ndarray, "faces"]) -> None:
-        seen = layout(vectors, counts, corners[batch], centres[batch])
-        parts[int(batch[0])] = seen, rgb_tripoints(seen, tangent=tangent, seed=settings.seed)
-
-    _in_threads(find, len(corners), bar)
-    found = [parts[start] for start in sorted(parts)]
-    if not found:
+    if not len(corners):
         seen = layout(vectors, counts, corners, centres)
         return seen, Candidates(np.zeros((0, 3), np.int16), np.zeros(1, np.int32))
-    seen = Layout(*(np.concatenate(fields) for fields in zip(*(p[0] for p in found), strict=True)))
+    shared = vectors, counts, settings
+    found = _in_batches(_candidates_of, shared, (corners, centres), bar)
+    seen = Layout(*_joined([part for part, _ in found]))
     lengths = np.concatenate([np.diff(part.starts) for _, part in found])
     starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     return seen, Candidates(np.concatenate([part.triples for _, part in found]), starts)
+
+
+def _candidates_of(
+    vectors: np.ndarray,
+    counts: np.ndarray,
+    settings: Settings,
+    part: tuple[Int32[np.ndarray, "faces 3"], np.ndarray],
+) -> tuple[Layout, Candidates]:
+    seen = layout(vectors, counts, *part)
+    tangent = settings.tangent if settings.construction == "relaxed" else None
+    return seen, rgb_tripoints(seen, tangent=tangent, seed=settings.seed)
 
 
 def _guides(seen: Layout, candidates: Candidates, settings: Settings, bar: tqdm) -> Guides:
@@ -169,15 +189,33 @@ def _filled(
     step: float,
     bar: tqdm,
 ) -> tuple[Int16[np.ndarray, "faces room 3"], Int32[np.ndarray, "faces"]]:
+    if not len(lengths):
+        capacity = seen.directions.shape[2]
+        return np.zeros((0, 3 * capacity, 3), np.int16), np.zeros(0, np.int32)
+    triples, sizes = _joined(_in_batches(_fill, (np.float32(step),), (seen, links, lengths), bar))
+    return triples, sizes
+
+
+def _fill(
+    step: np.float32,
+    part: tuple[Layout, Int16[np.ndarray, "faces links 3"], Int32[np.ndarray, "faces"]],
+) -> tuple[Int16[np.ndarray, "faces room 3"], Int32[np.ndarray, "faces"]]:
+    seen, links, lengths = part
     faces, _, capacity, _ = seen.directions.shape
     triples = np.zeros((faces, 3 * capacity, 3), np.int16)
     sizes = np.zeros(faces, np.int32)
-
-    def fill(batch: Int[np.ndarray, "faces"]) -> None:
-        fill_faces(batch, seen, links, lengths, np.float32(step), triples, sizes)
-
-    _in_threads(fill, faces, bar)
+    fill_faces(np.arange(faces), seen, links, lengths, step, triples, sizes)
     return triples, sizes
+
+
+def _thin(
+    most: int,
+    part: tuple[Layout, Int16[np.ndarray, "faces room 3"], Int32[np.ndarray, "faces"]],
+) -> Bool[np.ndarray, "faces room"]:
+    seen, triples, sizes = part
+    kept = np.zeros(triples.shape[:2], bool)
+    thin_faces(np.arange(len(sizes)), seen, triples, sizes, most, kept)
+    return kept
 
 
 def _packed(
@@ -191,8 +229,8 @@ def _packed(
     most: int,
 ) -> CorrespondingPolygons:
     """Lists without their padding, of all faces, with at most so many triples evaluated."""
-    kept = np.zeros(triples.shape[:2], bool)
-    _in_threads(lambda batch: thin_faces(batch, seen, triples, sizes, most, kept), len(sizes))
+    thinned = _in_batches(_thin, (most,), (seen, triples, sizes))
+    kept = np.concatenate([np.zeros((0, triples.shape[1]), bool), *thinned])
     some = np.arange(triples.shape[1]) < sizes[:, None]
     lengths, far = np.zeros(stored, np.int32), np.ones(stored, np.float32)
     lengths[faces], far[faces] = sizes, seen.distances
