@@ -181,6 +181,15 @@ EXPERIMENTS = (
         data=("duck", "stpeters"),
     ),
     Experiment(
+        "speed_devices",
+        "frames shaded by one JAX device and by several, and whether the images are the same",
+        quick=(
+            *("--scene", TORUS, "--environment", "windows", *SQUARE, "--frames", "1"),
+            *("--method", "mc-mis:spp=4", "distance-field:resolution=32,lights=64"),
+        ),
+        data=("duck", "stpeters"),
+    ),
+    Experiment(
         "speed_rays",
         "ray throughput against bare embreex, and Embree's share of a Monte Carlo frame",
         quick=(

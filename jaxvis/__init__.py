@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from jaxvis import datasets, image, lighting, methods, reflectance, sampling, scene, sphere
     from jaxvis.cluster import on_cluster
     from jaxvis.compare import compare
+    from jaxvis.devices import on_devices
     from jaxvis.errors import InvalidEnvironment, InvalidScene, JaxvisWarning
     from jaxvis.lighting import Environment, load_environment
     from jaxvis.methods import (
@@ -52,6 +53,7 @@ _PACKAGES = (
 )
 _HOMES = {
     "on_cluster": "cluster",
+    "on_devices": "devices",
     "compare": "compare",
     "InvalidEnvironment": "errors",
     "InvalidScene": "errors",
@@ -112,6 +114,7 @@ __all__ = [
     "load_scene",
     "methods",
     "on_cluster",
+    "on_devices",
     "reflectance",
     "sampling",
     "scene",

@@ -14,6 +14,7 @@ LAYERS = [
     "compiled",
     "cores",
     "cluster",
+    "devices",
     "cache",
     "specs",
     "pixels",

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxvis.cache import load_arrays, save_arrays
 from jaxvis.chunks import block_of
+from jaxvis.devices import dealer, device_count
 from jaxvis.reflectance import MaterialValues, Reflectance
 from jaxvis.scene import RayTracer, Scene, Surface
 from jaxvis.scene.rays import offset_origins
@@ -193,8 +194,13 @@ def trace_and_sum(
     block = block_points(count, samples)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
 
+    deal = dealer()
+
     def shade_chunk(first: int) -> int:
-        starts = range(first, min(first + chunk, count), block)
+        with deal(first // chunk):
+            return shade_blocks(range(first, min(first + chunk, count), block))
+
+    def shade_blocks(starts: range) -> int:
         blocks = [block_of(points, start, block) for start in starts]
         for propose_rays in proposals:
             proposed = [propose_rays(part) for part in blocks]
@@ -203,14 +209,15 @@ def trace_and_sum(
                 visible = _trace(tracer, part, rays, inside)
                 total = np.asarray(_sum(rays.weights, visible))
                 radiance[start : start + inside] += total[:inside]
-        return min(chunk, count - first)
+        return starts.stop - starts.start
 
     # Each thread takes a chunk through all stages, so that none waits for another. The first chunk
     # goes alone: it compiles.
     firsts = iter(range(0, count, chunk))
     for first in islice(firsts, 1):
         advance(shade_chunk(first))
-    with ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-shading") as pool:
+    threads = max(tracer.threads, device_count())
+    with ThreadPoolExecutor(threads, thread_name_prefix="jaxvis-shading") as pool:
         for done in pool.map(shade_chunk, firsts):
             advance(done)
     return radiance

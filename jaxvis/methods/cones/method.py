@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from jaxvis.chunks import block_of
 from jaxvis.cores import core_count
+from jaxvis.devices import dealer, device_count
 from jaxvis.lighting import Environment
 from jaxvis.methods.base import Method, refuse_spheres
 from jaxvis.methods.cones.cells import Accumulation, Fit, Ranges, range_table
@@ -299,7 +300,13 @@ def _in_threads(
     if not count:
         return jnp.zeros((0, 3))
     size = POINTS_AT_ONCE if count > FEW_POINTS else FEW_POINTS
-    blocks = [block_of(points, start, size) for start in range(0, count, size)]
-    with ThreadPoolExecutor(core_count(), thread_name_prefix="jaxvis-cones") as pool:
-        found = list(pool.map(lambda block: jax.block_until_ready(trace(block)), blocks))
+    deal = dealer()
+
+    def trace_block(start: int) -> np.ndarray:
+        with deal(start // size):
+            return np.asarray(trace(block_of(points, start, size)))
+
+    threads = max(core_count(), device_count())
+    with ThreadPoolExecutor(threads, thread_name_prefix="jaxvis-cones") as pool:
+        found = list(pool.map(trace_block, range(0, count, size)))
     return jax.device_put(np.concatenate(found)[:count])

@@ -26,6 +26,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxvis.chunks import map_on_host
 from jaxvis.cores import core_count
+from jaxvis.devices import dealer, device_count
 from jaxvis.lighting import SphereLights
 from jaxvis.methods.distance_field.fetch import signed_distances_at
 from jaxvis.methods.distance_field.field import DistanceFields, corners_seen
@@ -132,7 +133,7 @@ def view_of(fields: DistanceFields, surface: Surface) -> View:
             "or without one for all views"
         )
     rows = _whole(len(fields.weights), VERTICES_AT_ONCE)
-    count = _whole(surface.mask.size, PIXELS_AT_ONCE * core_count())
+    count = _whole(surface.mask.size, PIXELS_AT_ONCE * _parts())
 
     def listed(values: np.ndarray) -> Array:
         return jax.device_put(_padded(values, count))  # jnp.asarray would compile for the shape
@@ -197,27 +198,35 @@ def shade_view(
     return surface.to_image(flat.reshape(*surface.mask.shape, 3))
 
 
+def _parts() -> int:
+    """Into which an image's blocks are dealt: of each device, or of each core."""
+    return device_count() or (core_count() if jax.default_backend() == "cpu" else 1)
+
+
 def _in_threads(
     shade: Callable[[Fragments], Array], fragments: Fragments, others: object
 ) -> Float[Array, "pixels 3"]:
-    """The fragments in one part a core: XLA runs a loop over blocks on one.
+    """The fragments in parts: XLA runs a loop over blocks on one core.
 
-    In one piece where JAX transforms the function, whose traces belong to a thread, and on a GPU.
+    In one piece where JAX transforms the function, whose traces belong to a thread.
     """
-    parts = len(fragments.corners) // PIXELS_AT_ONCE
-    parts = math.gcd(parts, core_count())
+    parts = _parts()
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((fragments, others)))
-    if parts < 2 or traced or jax.default_backend() != "cpu":
+    if parts < 2 or traced:
         return shade(fragments)
+    deal = dealer()
 
     def dealt(leaf: np.ndarray, part: int) -> np.ndarray:
         # Block by block in turn, since padding is at the end.
         blocks = leaf.reshape(-1, PIXELS_AT_ONCE, *leaf.shape[1:])
         return blocks[part::parts].reshape(-1, *leaf.shape[1:])
 
-    pieces = [map_on_host(functools.partial(dealt, part=part), fragments) for part in range(parts)]
+    def shade_part(part: int) -> np.ndarray:
+        with deal(part):
+            return np.asarray(shade(map_on_host(functools.partial(dealt, part=part), fragments)))
+
     with ThreadPoolExecutor(parts, thread_name_prefix="jaxvis-shading") as pool:
-        found = [np.asarray(piece) for piece in pool.map(shade, pieces)]
+        found = list(pool.map(shade_part, range(parts)))
     blocks = [piece.reshape(-1, PIXELS_AT_ONCE, 3) for piece in found]
     return jax.device_put(np.stack(blocks, axis=1).reshape(-1, 3))
 

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Float32, Int, Int32
 
 from jaxvis.chunks import chunked_map
+from jaxvis.devices import dealer, device_count, nearby
 from jaxvis.methods.vectorized.polygons import VisibilityPolygons
 
 LOOKUPS_PER_CHUNK = 1 << 17
@@ -229,18 +230,21 @@ def _in_threads(integral: Integral, parts: list[Part], gather: Gather) -> Values
         starts = range(part.start, part.stop, length)
         chunks += [(part.size, start, min(start + length, part.stop), length) for start in starts]
 
-    def evaluate(chunk: tuple[int, int, int, int]) -> np.ndarray:
+    deal = dealer()
+
+    def evaluate(index: int, chunk: tuple[int, int, int, int]) -> np.ndarray:
         size, start, stop, length = chunk
         rows = np.minimum(np.arange(start, start + length), stop - 1)
-        return np.asarray(integral(gather(rows), size))[: stop - start]
+        with deal(index):
+            return np.asarray(nearby(integral)(gather(rows), size))[: stop - start]
 
-    found = _pool().map(evaluate, chunks)
+    found = _pool(max(THREADS, device_count())).map(evaluate, range(len(chunks)), chunks)
     return lambda: np.concatenate(list(found))
 
 
 @cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(THREADS, thread_name_prefix="jaxvis-polygons")
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="jaxvis-polygons")
 
 
 def _in_a_loop(integral: Integral, parts: list[Part], gather: Gather) -> Values:

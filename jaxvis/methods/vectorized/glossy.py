@@ -6,6 +6,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 from jaxtyping import Array, Float, Int
 
 from jaxvis.methods.vectorized.correspondence.interpolated import polygons_of, sum_over_outlines
@@ -77,26 +78,10 @@ def lobe_visibility(
     rule = replace(quadrature, integration="split")
 
     def of_outlines(source: Source) -> Integral:
-        def of_outline(references: References, size: int) -> Float[Array, "references 3"]:
-            lookups = outline_lookups(
-                source, light, references, size=size, rule=rule, traced=traced
-            )
-            return integral(lookups, references)
-
-        return of_outline
-
-    def of_circle(references: References, size: int) -> Float[Array, "references 3"]:
-        of_lobes = partial(whole_lookups, rule=rule)
-        if traced:
-            return integral(fenced(of_lobes, references, light, references), references)
-        return integral(of_lobes(light, references), references)
-
-    def integral(lookups: Lookups, references: References) -> Float[Array, "references 3"]:
-        vector, scalar = _integrate(light.vector, lookups), _integrate(light.scalar, lookups)
-        return _cap(vector, scalar, *references.extra)
+        return Partial(_of_outlines, light, source, rule=rule, traced=traced)
 
     waiting = integrals(
-        of_circle,
+        Partial(_of_circles, light, rule=rule, traced=traced),
         lambda rows: _lobes_at(sites, extra, rows),
         np.zeros(len(needed), np.int32),
         np.array([CIRCLE_VECTORS]),
@@ -117,6 +102,35 @@ def lobe_visibility(
     place = np.full(plan.capacity, count, np.int32)
     place[needed] = np.arange(len(needed), dtype=np.int32)
     return _ratio(padded(visible, count), padded(waiting(), count), light, place)
+
+
+def _of_outlines(
+    light: PolygonLight,
+    source: Source,
+    references: References,
+    size: int,
+    *,
+    rule: Quadrature,
+    traced: bool,
+) -> Float[Array, "references 3"]:
+    lookups = outline_lookups(source, light, references, size=size, rule=rule, traced=traced)
+    return _integral(light, lookups, references)
+
+
+def _of_circles(
+    light: PolygonLight, references: References, size: int, *, rule: Quadrature, traced: bool
+) -> Float[Array, "references 3"]:
+    of_lobes = partial(whole_lookups, rule=rule)
+    if traced:
+        return _integral(light, fenced(of_lobes, references, light, references), references)
+    return _integral(light, of_lobes(light, references), references)
+
+
+def _integral(
+    light: PolygonLight, lookups: Lookups, references: References
+) -> Float[Array, "references 3"]:
+    vector, scalar = _integrate(light.vector, lookups), _integrate(light.scalar, lookups)
+    return _cap(vector, scalar, *references.extra)
 
 
 @partial(jax.jit, static_argnames="capacity")

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
 from jaxvis.methods.vectorized.correspondence.interpolated import (
@@ -85,14 +86,7 @@ def irradiance(
     traced = is_traced(light, polygons_of(visibility).vectors)
 
     def integral(source: Source) -> Integral:
-        def of_outlines(references: References, size: int) -> Float[Array, "references channels"]:
-            lookups = irradiance_lookups(
-                source, light, references, size=size, quadrature=quadrature, traced=traced
-            )
-            values = [projected(table, lookups, references.normal) for table in tables]
-            return values[0] if len(values) == 1 else jnp.concatenate(values, axis=-1)
-
-        return of_outlines
+        return Partial(_of_outlines, source, light, tables, quadrature=quadrature, traced=traced)
 
     return sum_over_outlines(
         integral,
@@ -103,6 +97,23 @@ def irradiance(
         traced=traced,
         **options,
     )
+
+
+def _of_outlines(
+    source: Source,
+    light: PolygonLight,
+    tables: tuple[ContourTable, ...],
+    references: References,
+    size: int,
+    *,
+    quadrature: Quadrature,
+    traced: bool,
+) -> Float[Array, "references channels"]:
+    lookups = irradiance_lookups(
+        source, light, references, size=size, quadrature=quadrature, traced=traced
+    )
+    values = [projected(table, lookups, references.normal) for table in tables]
+    return values[0] if len(values) == 1 else jnp.concatenate(values, axis=-1)
 
 
 def outlines(

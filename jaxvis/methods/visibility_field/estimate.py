@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from jaxvis.chunks import map_on_host
+from jaxvis.devices import dealer
 from jaxvis.methods.estimators import (
     Counts,
     Draw,
@@ -255,11 +256,12 @@ def _add(
         return
     rays = Lit(*(np.concatenate(arrays) for arrays in zip(*waiting, strict=True)))
     padded = Lit(*(np.pad(array, (0, -count % WEIGHED_AT_ONCE), "edge") for array in rays))
-    weights = []
-    for start in range(0, len(padded.point), WEIGHED_AT_ONCE):
+    weights, deal = [], dealer()
+    for block, start in enumerate(range(0, len(padded.point), WEIGHED_AT_ONCE)):
         part = Lit(*(array[start : start + WEIGHED_AT_ONCE] for array in padded))
-        axes = (jnp.asarray(part.x), jnp.asarray(part.y), jnp.asarray(part.z))
-        weights.append(weigh(_taken(points, part.point), axes, jnp.asarray(part.texel)))
+        with deal(block):
+            axes = (jnp.asarray(part.x), jnp.asarray(part.y), jnp.asarray(part.z))
+            weights.append(weigh(_taken(points, part.point), axes, jnp.asarray(part.texel)))
     begins = np.flatnonzero(np.diff(rays.point, prepend=-1))
     sums = np.add.reduceat(np.concatenate(weights)[:count], begins, axis=0)
     radiance[rays.point[begins]] += sums

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Int, UInt8
 
 from jaxvis.chunks import block_of
+from jaxvis.devices import dealer
 from jaxvis.methods.traced import ShadingPoints, block_points
 from jaxvis.methods.visibility_field.left import Listed, Turned, settle
 from jaxvis.scene import RayTracer
@@ -69,12 +70,14 @@ def traced_blocks(
     count = len(points.pixel)
     block = block_points(count, samples, RAYS_PER_BLOCK)
     chunk = max(1, rays_per_chunk // (block * samples)) * block
+    deal = dealer()
     with ThreadPoolExecutor(tracer.threads, thread_name_prefix="jaxvis-field") as pool:
         for begin in range(0, count, chunk):
             blocks = []
             for first in range(begin, min(begin + chunk, count), block):
-                part = block_of(points, first, block)
-                blocks.append(Block(first, min(block, count - first), part, draw(part)))
+                with deal(first // block):
+                    part = block_of(points, first, block)
+                    blocks.append(Block(first, min(block, count - first), part, draw(part)))
             yield from zip(blocks, _trace(tracer, pool, blocks), strict=True)
             advance(min(chunk, count - begin))
 
