@@ -1,10 +1,13 @@
 """Files that are whole or absent, and the folder of cached results (references, precomputation)."""
 
 import contextlib
+import glob
 import hashlib
 import json
 import os
+import shutil
 import tempfile
+import time
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
@@ -15,8 +18,12 @@ import numpy as np
 
 from jaxvis.errors import JaxvisWarning
 
-FORMAT = 3
+FORMAT = 4
 """Version of what is cached. Raise it when the meaning of a cached array changes."""
+
+
+DIGEST = "sha256"
+"""In a file's header: of all else that is in it."""
 
 
 class OutdatedError(ValueError):
@@ -55,23 +62,52 @@ def whole_file(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
+    prefix = f".{path.stem}-"
+    remove_leftovers(path.parent, prefix)
+    handle, name = tempfile.mkstemp(prefix=prefix, suffix=path.suffix, dir=path.parent)
     temporary = Path(name)
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with os.fdopen(handle, "wb") as held:
+        lock(held, wait=False)  # so that others see that it is not left over
+        try:
+            yield temporary
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+LEFT_AFTER = 60.0
+"""Seconds after which something temporary that nobody holds is left over from a killed process."""
+
+
+def remove_leftovers(folder: Path, prefix: str) -> None:
+    """Removes temporary files, and folders with a file :data:`HELD`, of processes that were killed.
+
+    Nothing is removed where there are no locks that would tell.
+    """
+    for path in folder.glob(f"{glob.escape(prefix)}*"):
+        held = path / HELD if path.is_dir() else path
+        with contextlib.suppress(OSError, ImportError):
+            import fcntl
+
+            if time.time() - path.stat().st_mtime < LEFT_AFTER:
+                continue
+            with held.open("ab") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+HELD = ".held"
+"""Locked in a temporary folder for as long as its process lives."""
 
 
 def save_arrays(path: str | os.PathLike, kind: str, arrays: dict[str, Any], **header: Any) -> None:
     """Writes arrays and a JSON header of what they are, as one .npz file."""
-    text = json.dumps({"format": FORMAT, "kind": kind, **header})
     contents: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+    facts = json.loads(json.dumps({"format": FORMAT, "kind": kind, **header}))
+    text = json.dumps({**facts, DIGEST: content_hash(facts, contents)})
     with whole_file(path) as temporary, open(temporary, "wb") as file:
         np.savez(file, allow_pickle=False, header=np.array(text), **contents)
 
@@ -92,6 +128,7 @@ def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarra
             header = json.loads(str(file["header"]))
             arrays = {key: file[key] for key in file.files if key != "header"}
         found = (header["format"], header["kind"])
+        digest = header.pop(DIGEST, None)
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: damaged or not a jaxvis file; delete it and rebuild") from error
     if found != (FORMAT, kind):
@@ -100,6 +137,8 @@ def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarra
             f"{path}: holds {found[1]!r} of format {found[0]}, not {kind!r} of format {FORMAT}; "
             "delete it and rebuild"
         )
+    if digest != content_hash(header, arrays):
+        raise ValueError(f"{path}: its arrays are not those that were saved; delete and rebuild it")
     return arrays, header
 
 

@@ -134,3 +134,62 @@ def test_the_hash_tells_content_shape_and_type_apart():
     assert len({cache.content_hash(*parts) for parts in different}) == len(different)
     assert cache.content_hash(x) == cache.content_hash(x.copy())
     assert cache.content_hash({"a": 1, "b": 2}) == cache.content_hash({"b": 2, "a": 1})
+
+
+def test_other_arrays_under_the_old_header_are_refused(tmp_path):
+    """Who edits a file shall hear of it, and not of indices out of range."""
+    path = tmp_path / "saved.npz"
+    arrays = {"x": np.arange(6.0).reshape(2, 3).T, "n": np.array(3), "flags": np.ones(4, bool)}
+    cache.save_arrays(path, "kind", arrays, error=np.float64(0.1), sizes=(1, 2), name=None)
+    found, header = cache.load_arrays(path, "kind")
+    np.testing.assert_array_equal(found["x"], arrays["x"])
+    assert header == {"format": cache.FORMAT, "kind": "kind", "error": 0.1} | {
+        "sizes": [1, 2],
+        "name": None,
+    }
+    stored = dict(np.load(path))
+    for change in ({"x": stored["x"] + 1.0}, {"n": np.array(4)}, {"more": np.ones(1)}):
+        np.savez(path, **(stored | change))
+        with pytest.raises(ValueError, match=r"saved\.npz: its arrays are not those"):
+            cache.load_arrays(path, "kind")
+    np.savez(path, **stored)
+    cache.load_arrays(path, "kind")
+
+
+def test_what_killed_processes_left_is_removed_and_what_others_write_is_not(tmp_path):
+    old = time.time() - 2.0 * cache.LEFT_AFTER
+
+    def temporary(name, folder):
+        path = tmp_path / name
+        if folder:
+            path.mkdir()
+            (path / "image.exr").write_bytes(b"half")
+        held = path / cache.HELD if folder else path
+        held.write_bytes(b"")
+        return path, held
+
+    for folder in (False, True):
+        left, _ = temporary(f".out-left-{folder}", folder)
+        others, held = temporary(f".out-others-{folder}", folder)
+        fresh, _ = temporary(f".out-fresh-{folder}", folder)
+        elsewhere, _ = temporary(f".other-{folder}", folder)
+        for path in (left, others, elsewhere):
+            os.utime(path, (old, old))
+        with held.open("rb") as file:
+            assert cache.lock(file, wait=False)
+            cache.remove_leftovers(tmp_path, ".out-")
+        assert not left.exists()
+        assert others.exists()
+        assert fresh.exists()
+        assert elsewhere.exists()
+
+
+def test_a_file_is_held_while_it_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "LEFT_AFTER", -1.0)
+    with cache.whole_file(tmp_path / "a.npz") as first:
+        first.write_bytes(b"first")
+        with cache.whole_file(tmp_path / "a.npz") as second:
+            assert first.exists()
+            second.write_bytes(b"second")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+    assert (tmp_path / "a.npz").read_bytes() == b"first"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from jaxvis.cache import whole_file
+from jaxvis.cache import HELD, lock, remove_leftovers, whole_file
 from jaxvis.image import display, displayed_error, write_image
 
 if TYPE_CHECKING:
@@ -118,6 +118,10 @@ def file_stem(label: str) -> str:
     return re.sub(r"[^A-Za-z0-9.+_-]+", "-", label).strip("-.")
 
 
+UNFINISHED = ".unfinished-"
+"""How the names of temporary folders begin."""
+
+
 @contextlib.contextmanager
 def output_folder(path: str | os.PathLike) -> Iterator[Path]:
     """Yields a temporary folder whose files move to ``path`` if the block succeeds.
@@ -132,20 +136,24 @@ def output_folder(path: str | os.PathLike) -> Iterator[Path]:
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+        remove_leftovers(folder, UNFINISHED)
+        staging = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
     except OSError as error:
         _remove_empty(made)
         reason = f"cannot write to this folder ({error.strerror})"
         raise type(error)(error.errno, reason, str(folder)) from error
     try:
-        yield staging
-        for file in sorted(staging.iterdir(), key=lambda file: file.name == "results.json"):
-            os.replace(file, folder / file.name)
+        with (staging / HELD).open("wb") as held:
+            lock(held, wait=False)
+            yield staging
+            files = (file for file in staging.iterdir() if file.name != HELD)
+            for file in sorted(files, key=lambda file: file.name == "results.json"):
+                os.replace(file, folder / file.name)
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
         _remove_empty(made)
         raise
-    staging.rmdir()
+    shutil.rmtree(staging, ignore_errors=True)
 
 
 def _remove_empty(folders: list[Path]) -> None:

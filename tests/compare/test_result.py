@@ -1,5 +1,7 @@
 """Output folders and file names."""
 
+import os
+
 import pytest
 
 from jaxvis.compare import file_stem, output_folder
@@ -38,3 +40,18 @@ def test_output_folder_below_a_file(tmp_path):
         output_folder(tmp_path / "file"),
     ):
         pytest.fail("the block must not run")
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path):
+    with output_folder(tmp_path) as folder:
+        (folder / "results.json").write_text("{}")
+        left = tmp_path / ".unfinished-of-a-killed-one"
+        left.mkdir()
+        (left / "image.exr").write_bytes(b"half")
+        os.utime(left, (0.0, 0.0))
+        os.utime(folder, (0.0, 0.0))
+        with output_folder(tmp_path) as other:
+            (other / "table.csv").write_text("")
+            assert folder.exists()  # whose process lives
+        assert not left.exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"results.json", "table.csv"}
