@@ -205,10 +205,10 @@ EXPERIMENTS = (
     ),
     Experiment(
         "large_frame",
-        "time, peak memory and the same bits of a large frame in several chunk sizes",
+        "time and peak memory of a large frame of each family, and of gradients",
         quick=(
-            *("--scene", "courtyard:triangles=20000", "--size", "160", "90", "--spp", "8"),
-            *("--chunks", "65536", "131072"),
+            *("--scene", TORUS, "--size", "160", "90", "--gradient", "distance-field:lights=64"),
+            *("--method", "mc-mis:spp=8", "mc-mis:spp=8,rays_per_chunk=65536"),
         ),
     ),
 )

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxvis.cache import load_arrays, save_arrays
@@ -151,6 +152,8 @@ def shading_points(surface: Surface) -> ShadingPoints:
     pixel = np.flatnonzero(np.asarray(surface.mask).reshape(-1))
 
     def gather(leaf: Array) -> Array:
+        if isinstance(leaf, Tracer):  # differentiated, which the host cannot be
+            return leaf.reshape(-1, *leaf.shape[2:])[pixel]
         flat = np.asarray(leaf).reshape(-1, *leaf.shape[2:])
         return jax.device_put(flat.take(pixel, axis=0))  # jnp.asarray would compile for the shape
 
@@ -248,8 +251,13 @@ def _sum(weights: Components, visible: Bool[Array, "points samples"]) -> Float[A
     return jnp.stack([jnp.sum(jnp.where(visible, w, 0.0), axis=1) for w in weights], axis=-1)
 
 
-def to_image(surface: Surface, points: ShadingPoints, radiance: np.ndarray) -> Array:
+def to_image(
+    surface: Surface, points: ShadingPoints, radiance: Float[Array | np.ndarray, "points 3"]
+) -> Array:
     """The image [height, width, 3] of the radiance of the shaded points."""
-    flat = np.zeros((surface.mask.size, 3), np.float32)
-    flat[np.asarray(points.pixel)] = radiance
+    if isinstance(radiance, Tracer):
+        flat = jnp.zeros((surface.mask.size, 3)).at[points.pixel].set(radiance)
+    else:
+        flat = np.zeros((surface.mask.size, 3), np.float32)
+        flat[np.asarray(points.pixel)] = radiance
     return surface.to_image(jnp.asarray(flat.reshape(*surface.mask.shape, 3)))

@@ -18,6 +18,11 @@ AT_ONCE = 1 << 14
 """Points whose shadow rays are traced together."""
 
 
+def constant(directions: Float[Array, "directions 3"]) -> Float[np.ndarray, "directions 3"]:
+    """On the host: for gradients, what rays see does not depend on where they go (DESIGN §1)."""
+    return np.asarray(jax.lax.stop_gradient(directions))
+
+
 def lit(
     tracer: RayTracer,
     origins: Float[np.ndarray, "points 3"],
@@ -72,7 +77,7 @@ def irradiance_of_patches(
     upright = jnp.asarray(normals)
     total = jnp.zeros((len(normals), 3))
     for along, flux in ((light.sun_directions, light.sun_flux), (light.directions, light.flux)):
-        seen = lit(tracer, origins, normals, np.asarray(along))
+        seen = lit(tracer, origins, normals, constant(along))
         total = total + irradiance(upright, jnp.asarray(seen), along, flux)
     return total
 
@@ -87,7 +92,7 @@ def irradiance_of_texels(
 ) -> Float[Array, "texels 3"]:
     """From the suns at every texel; from the sky, which is smooth, at every ``stride``-th along
     each side, and linearly between."""
-    seen = lit(tracer, origins, normals, np.asarray(light.sun_directions))
+    seen = lit(tracer, origins, normals, constant(light.sun_directions))
     sharp = irradiance(
         jnp.asarray(normals), jnp.asarray(seen), light.sun_directions, light.sun_flux
     )
@@ -95,7 +100,7 @@ def irradiance_of_texels(
     grid = np.arange(resolution * resolution).reshape(resolution, resolution)
     coarse = grid[stride // 2 :: stride, stride // 2 :: stride]
     chosen = coarse.reshape(-1)
-    seen = lit(tracer, origins[chosen], normals[chosen], np.asarray(light.directions))
+    seen = lit(tracer, origins[chosen], normals[chosen], constant(light.directions))
     smooth = irradiance(
         jnp.asarray(normals[chosen]), jnp.asarray(seen), light.directions, light.flux
     )

@@ -4,14 +4,15 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxvis.chunks import block_of
+from jaxvis.chunks import block_of, chunked_map
 from jaxvis.cores import core_count
 from jaxvis.devices import dealer, device_count
 from jaxvis.lighting import Environment
@@ -20,6 +21,7 @@ from jaxvis.methods.cones.cells import Accumulation, Fit, Ranges, range_table
 from jaxvis.methods.cones.cones import cone_set
 from jaxvis.methods.cones.inject import (
     colours_of,
+    constant,
     irradiance,
     irradiance_of_patches,
     irradiance_of_texels,
@@ -37,8 +39,10 @@ from jaxvis.methods.cones.march import (
 )
 from jaxvis.methods.cones.ranges import PowerSums
 from jaxvis.methods.cones.visibility import ConeVisibility, build
-from jaxvis.methods.traced import shading_points, to_image
-from jaxvis.scene import Scene, Surface
+from jaxvis.methods.traced import ShadingPoints, shading_points, to_image
+from jaxvis.scene import RayTracer, Scene, Surface
+
+T = TypeVar("T")
 
 POINTS_AT_ONCE = 4096
 """Points whose cones are followed together: their state stays in the cache."""
@@ -194,21 +198,16 @@ class HybridCones(Method):
         points = shading_points(surface)
         fallen = self.gather(visibility, maps, light, surface)
         if len(light.sun_flux):
-            seen = np.asarray(points.origin), np.asarray(points.normal)
-            # A shading normal may face a sun that its triangle does not.
-            facing = np.asarray(points.geometric_normal)
-            sunlit = lit(visibility.tracer, *seen, np.asarray(light.sun_directions))
-            sunlit &= facing @ np.asarray(light.sun_directions).T > 0.0
-            fallen = fallen + irradiance(
-                points.normal, jnp.asarray(sunlit), light.sun_directions, light.sun_flux
-            )
+            fallen = fallen + _from_suns(visibility.tracer, points, light)
         # On the host, as the number of points is another in every view.
-        albedo = np.asarray(points.material.base_colour)
-        return to_image(surface, points, albedo * (np.asarray(fallen) / np.float32(math.pi)))
+        on_host = not any(isinstance(x, Tracer) for x in (fallen, points.material.base_colour))
+        albedo = points.material.base_colour
+        reflected = np.asarray(albedo) * fallen if on_host else albedo * fallen
+        return to_image(surface, points, reflected * np.float32(1.0 / math.pi))
 
     def gather(
         self, visibility: ConeVisibility, maps: Lightmaps, light: ConeLight, surface: Surface
-    ) -> Float[Array, "points 3"]:
+    ) -> Float[Array | np.ndarray, "points 3"]:
         """Irradiance of each shaded point of the surface by cones alone."""
         points = shading_points(surface)
         position = np.asarray(surface.position).reshape(-1, 3)[np.asarray(points.pixel)]
@@ -228,7 +227,7 @@ class HybridCones(Method):
         def trace(some: Points) -> Array:
             return cone_radiosity(maps, light.sky, some, self.aperture, march)
 
-        return _in_threads(trace, starts)
+        return _in_threads(trace, starts, (maps, light, self.aperture))
 
     @property
     def _offset(self) -> float:
@@ -292,21 +291,44 @@ class VoxelCones(HybridCones):
     stepping: Stepping = "half"
 
 
+def _from_suns(
+    tracer: RayTracer, points: ShadingPoints, light: ConeLight
+) -> Float[Array | np.ndarray, "points 3"]:
+    """Irradiance of each point by the suns that it sees."""
+    along = constant(light.sun_directions)
+    seen = lit(tracer, np.asarray(points.origin), np.asarray(points.normal), along)
+    # A shading normal may face a sun that its triangle does not.
+    seen &= np.asarray(points.geometric_normal) @ along.T > 0.0
+
+    def fallen(some: Any) -> Array:
+        return irradiance(*some, light.sun_directions, light.sun_flux)
+
+    return _in_threads(fallen, (points.normal, seen), light)
+
+
 def _in_threads(
-    trace: Callable[[Points], Float[Array, "few 3"]], points: Points
-) -> Float[Array, "points 3"]:
-    """Blocks of one size, several at once: XLA runs the loops inside each on one core."""
-    count = len(points.position)
+    function: Callable[[T], Float[Array, "few 3"]], points: T, others: Any
+) -> Float[Array | np.ndarray, "points 3"]:
+    """A function of points in blocks of one size, several at once: XLA runs the loops inside each
+    on one core.
+
+    In one compiled loop where JAX transforms the function, whose traces belong to a thread.
+
+    Args:
+        others: what else the function depends on.
+    """
+    count = len(jax.tree.leaves(points)[0])
     if not count:
-        return jnp.zeros((0, 3))
+        return np.zeros((0, 3), np.float32)
     size = POINTS_AT_ONCE if count > FEW_POINTS else FEW_POINTS
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(others)):
+        return chunked_map(function, jax.tree.map(jnp.asarray, points), size)
     deal = dealer()
 
-    def trace_block(start: int) -> np.ndarray:
+    def of_block(start: int) -> np.ndarray:
         with deal(start // size):
-            return np.asarray(trace(block_of(points, start, size)))
+            return np.asarray(function(block_of(points, start, size)))
 
     threads = max(core_count(), device_count())
     with ThreadPoolExecutor(threads, thread_name_prefix="jaxvis-cones") as pool:
-        found = list(pool.map(trace_block, range(0, count, size)))
-    return jax.device_put(np.concatenate(found)[:count])
+        return np.concatenate(list(pool.map(of_block, range(0, count, size))))[:count]

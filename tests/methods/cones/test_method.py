@@ -2,7 +2,9 @@
 
 import math
 import re
+from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -152,6 +154,37 @@ def test_images_do_not_depend_on_blocks(monkeypatch):
     monkeypatch.setattr(module, "POINTS_AT_ONCE", 32)
     parts, _ = picture(method, MIXED, contrasted())
     np.testing.assert_allclose(parts, whole, rtol=2e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("bounces", [0, 1])
+def test_gradients_in_light_and_material(bounces):
+    """Images are linear in the light, and without bounces in the colour: so gradients times
+    values are the image."""
+    method = HybridCones(bounces=bounces, **SMALL)
+    surface = trace_surface(MIXED, ABOVE, SIZE)
+    radiance = np.full((64, 128, 3), 0.2, np.float32)
+    radiance[6, 20] = 1000.0
+    environment = Environment(jnp.asarray(radiance), "one texel")
+    visibility, light = method.precompute(MIXED), method.light(environment)
+    assert len(light.sun_flux)
+    names = ("sky", "sun_flux", "flux")
+
+    def mean(parts, colour):
+        material = replace(surface.material, base_colour=colour)
+        seen = replace(surface, material=material)
+        lit = replace(light, **dict(zip(names, parts, strict=True)))
+        return jnp.mean(method.shade(visibility, lit, seen))
+
+    parts = tuple(getattr(light, name) for name in names)
+    colour = surface.material.base_colour
+    value, gradients = jax.value_and_grad(mean, argnums=(0, 1))(parts, colour)
+    np.testing.assert_allclose(value, mean(parts, colour), rtol=1e-5)
+    for gradient, at in zip(gradients, (parts, colour), strict=True):
+        leaves = zip(jax.tree.leaves(gradient), jax.tree.leaves(at), strict=True)
+        np.testing.assert_allclose(sum(jnp.sum(g * x) for g, x in leaves), value, rtol=1e-4)
+    sky, flux, rest = (sum(jnp.sum(g) for g in jax.tree.leaves(part)) for part in gradients[0])
+    assert min(sky, flux) > 0.0
+    assert bool(rest > 0.0) == bool(bounces)
 
 
 def test_another_light_compiles_nothing_anew(monkeypatch):
