@@ -102,7 +102,7 @@ def sample_normal(
     else:
         numerator, denominator = -width * width * jnp.log1p(-u), jnp.ones_like(u)
     scale = 1.0 / (numerator + denominator)
-    radius = jnp.sqrt(numerator * scale)
+    radius = jnp.sqrt(jnp.maximum(numerator * scale, 1e-30))  # no infinite gradient at u = 0
     return join(radius * cosine, radius * sine, jnp.sqrt(denominator * scale))
 
 
@@ -129,7 +129,7 @@ def sample_visible_normal(
     # A uniform point of the cap of heights -z to 1; depth is measured down from its top.
     depth = uniforms[..., 0] * (1.0 + z)
     sine, cosine = sine_cosine(uniforms[..., 1])
-    radius = jnp.sqrt(depth * (2.0 - depth))
+    radius = jnp.sqrt(jnp.maximum(depth * (2.0 - depth), 1e-30))  # no infinite gradient at u = 0
     x, y = width * (x + radius * cosine), width * (y + radius * sine)
     # At the cap's rim height and view cancel; the facet then stands upright.
     z = jnp.maximum(z + (1.0 - depth), 1e-7)

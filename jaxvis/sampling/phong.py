@@ -17,7 +17,7 @@ def sample_lobe(
     """
     logarithm = jnp.log1p(-uniforms[..., 0]) / (exponent + 1.0)
     sine_square = -jnp.expm1(2.0 * logarithm)
-    radius = jnp.sqrt(sine_square)
+    radius = jnp.sqrt(jnp.maximum(sine_square, 1e-30))  # the root's gradient at 0 is infinite
     sine, cosine = sine_cosine(uniforms[..., 1])
     return join(radius * cosine, radius * sine, jnp.exp(logarithm))
 

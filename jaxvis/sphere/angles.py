@@ -9,6 +9,8 @@ minimax fits in float64 (Lawson's iteration on 4000 Chebyshev nodes).
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxvis.sphere.ranges import hypotenuse, quotient
+
 # sin(2 pi t) / t and (cos(2 pi t) - 1) / t^2 as polynomials in t^2 for |t| <= 1/8,
 # and atan(a) / (2 pi a) as a polynomial in a^2 for 0 <= a <= 1.
 _SINE = (6.28318531, -41.34170215, 81.60520381, -76.69777415, 41.46989044)
@@ -52,8 +54,18 @@ def turns(y: Float[Array, "*points"], x: Float[Array, "*points"]) -> Float[Array
     """
     width, height = jnp.abs(x), jnp.abs(y)
     longer, shorter = jnp.maximum(width, height), jnp.minimum(width, height)
-    ratio = shorter / jnp.where(longer > 0.0, longer, 1.0)
+    ratio = quotient(shorter, longer)
     angle = ratio * _polynomial(_ARCTANGENT, ratio * ratio)
     angle = jnp.where(height > width, 0.25 - angle, angle)
     angle = jnp.where(x < 0.0, 0.5 - angle, angle)
     return jnp.where(y < 0.0, -angle, angle)
+
+
+def colatitude(
+    x: Float[Array, "*points"], y: Float[Array, "*points"], z: Float[Array, "*points"]
+) -> Float[Array, "*points"]:
+    """The angle from +y / 2 pi, in [0, 1/2], of vectors of any length (up to 2e38).
+
+    The relative precision is that of :func:`turns` next to the pole, too.
+    """
+    return turns(hypotenuse(x, z), y)

@@ -19,8 +19,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxvis.sphere.angles import turns
+from jaxvis.sphere.angles import colatitude, turns
 from jaxvis.sphere.polygons import Directions
+from jaxvis.sphere.ranges import quotient, shrinking
 from jaxvis.sphere.summed_area import SummedAreaTable
 
 Lookup = Literal["nearest", "bilinear"]
@@ -186,11 +187,9 @@ def vsat(
 def _locate(height: int, directions: Directions, lookup: Lookup) -> Texels:
     """The corners of a table of ``height`` rows at, or next to, directions of any length."""
     x, y, z = directions
-    square = x * x + z * z
-    radius = jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
     u = turns(x, -z)
     across = jnp.where(u < 0.0, u + 1.0, u) * (2 * height)
-    down = turns(radius, y) * (2 * height)
+    down = colatitude(x, y, z) * (2 * height)
     if lookup == "nearest":
         row, column = jnp.round(down).astype(jnp.int32), jnp.round(across).astype(jnp.int32)
         return Texels(row, column, None, None)
@@ -299,11 +298,13 @@ def _beta(
         start.z * end.x - start.x * end.z,
         start.x * end.y - start.y * end.x,
     )
+    scale = shrinking(*light)
+    light = Directions(light.x * scale, light.y * scale, light.z * scale)
     square = jnp.square(light.x) + jnp.square(light.y) + jnp.square(light.z)
     square *= jnp.square(normal.x) + jnp.square(normal.y) + jnp.square(normal.z)
     product = light.x * normal.x + light.y * normal.y + light.z * normal.z
     some = square > 1e-36  # gradients overflow below
-    sine = jnp.where(some, product / jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)
+    sine = jnp.where(some, quotient(product, jnp.sqrt(jnp.where(some, square, 1.0))), 0.0)
     # The polynomial arctangent is what XLA vectorises; arcsin is called one number at a time.
     # The root is kept from zero, where its gradient is infinite.
     angle = 2.0 * jnp.pi * turns(sine, jnp.sqrt(jnp.maximum(1.0 - sine * sine, 1e-12)))

@@ -4,6 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float32
 
+from jaxvis.sphere.ranges import moderating
+
 
 def dot(a: Float[Array, "*#points 3"], b: Float[Array, "*#points 3"]) -> Float[Array, "*points"]:
     """Scalar product over the last axis. Written out: XLA vectorises it over the points."""
@@ -12,6 +14,8 @@ def dot(a: Float[Array, "*#points 3"], b: Float[Array, "*#points 3"]) -> Float[A
 
 def normalize(vector: Float[Array, "*#points 3"]) -> Float[Array, "*points 3"]:
     """Unit vectors; the zero vector stays zero (with a zero, not NaN, gradient)."""
+    scale = moderating(vector[..., 0], vector[..., 1], vector[..., 2])
+    vector = vector * scale[..., None]
     squared = dot(vector, vector)
     safe = jnp.where(squared > 0.0, squared, 1.0)
     return vector * (jnp.where(squared > 0.0, 1.0, 0.0) / jnp.sqrt(safe))[..., None]

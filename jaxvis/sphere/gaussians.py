@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxvis.sphere.frames import dot
+from jaxvis.sphere.ranges import quotient
 
 _FLATTEST = 1e-4  # half-space constants are 0 / 0 at sharpness 0; shares differ by less than 1e-4
 
@@ -54,7 +55,8 @@ def total(sharpness: Float[Array, "*lobes"]) -> Float[Array, "*lobes"]:
     x = 2.0 * sharpness
     flat = x < 0.25
     # The series is for the gradient, which cancels in the closed form.
-    series = 1.0 - x * (1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120 - x * (1 / 720)))))
+    t = jnp.where(flat, x, 0.0)
+    series = 1.0 - t * (1 / 2 - t * (1 / 6 - t * (1 / 24 - t * (1 / 120 - t * (1 / 720)))))
     safe = jnp.where(flat, 1.0, x)
     return 4.0 * jnp.pi * jnp.where(flat, series, -jnp.expm1(-safe) / safe)
 
@@ -82,12 +84,12 @@ def _product_shape(
     """Axis, sharpness and logarithm of the relative amplitude of a product."""
     first, second = a.sharpness, b.sharpness
     both = first + second
-    inverse = 1.0 / jnp.maximum(both, 1e-30)
+    share = quotient(second, both)
     # l (|q| - 1) = -la lb chord^2 / (l (|q| + 1)): nothing cancels between nearly equal axes.
-    lost = 2.0 * first * inverse * second * _versine(a.axis, b.axis)
-    length = jnp.sqrt(jnp.maximum(1.0 - lost * inverse, 1e-12))
-    fall = -lost / (length + 1.0)
-    vector = (first * inverse)[..., None] * a.axis + (second * inverse)[..., None] * b.axis
+    lost = 2.0 * share * _versine(a.axis, b.axis)
+    length = jnp.sqrt(jnp.maximum(1.0 - (1.0 - share) * lost, 1e-12))
+    fall = -first * lost / (length + 1.0)
+    vector = (1.0 - share)[..., None] * a.axis + share[..., None] * b.axis
     square = dot(vector, vector)
     some = square > 1e-12
     unit = vector * (1.0 / jnp.sqrt(jnp.where(some, square, 1.0)))[..., None]
@@ -130,9 +132,10 @@ def share_of(
     near = jnp.clip(signed_distance, -quarter, quarter)
     share = 0.5 + constants.height * error_function(constants.steepness * _sine(near))
     # What lies beyond a quarter turn from the axis: all of it when nothing is occluded.
-    beyond = (signed_distance - near) * (1.0 / quarter)
+    # Distances are below -pi where an axis is below the horizon of a map that is all occluded.
+    beyond = jnp.clip((signed_distance - near) * (1.0 / quarter), -1.0, 1.0)
     eased = beyond * (2.0 - jnp.abs(beyond))
-    return jnp.clip(share + constants.rest * jnp.clip(eased, -1.0, 1.0), 0.0, 1.0)
+    return jnp.clip(share + constants.rest * eased, 0.0, 1.0)
 
 
 def visible_share(
@@ -163,6 +166,7 @@ def error_function(x: Float[Array, "*points"]) -> Float[Array, "*points"]:
     """erf to an absolute 5e-4, odd and smooth (Abramowitz and Stegun 7.1.27)."""
     # Not jnp.abs and jnp.sign, whose gradients at 0 are 0.
     size = jnp.where(x < 0.0, -x, x)
+    size = jnp.minimum(size, 16.0)  # 1 in float32 long before, and the powers of more overflow
     base = 1.0 + size * (0.278393 + size * (0.230389 + size * (0.000972 + size * 0.078108)))
     square = base * base
     value = 1.0 - 1.0 / (square * square)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxvis.sphere.angles import sine_cosine, turns
+from jaxvis.sphere.angles import colatitude, sine_cosine, turns
 from jaxvis.sphere.components import join
 
 
@@ -31,9 +31,7 @@ def coordinates(
     u = turns(x, -z)
     u = jnp.where(u < 0.0, u + 1.0, u)
     u = jnp.where(u >= 1.0, 0.0, u)  # a tiny negative angle rounds up to 1 in float32
-    square = x * x + z * z
-    radius = jnp.sqrt(jnp.where(square > 0.0, square, 1.0)) * jnp.where(square > 0.0, 1.0, 0.0)
-    return u, 2.0 * jnp.pi * turns(radius, y)
+    return u, 2.0 * jnp.pi * colatitude(x, y, z)
 
 
 def texel(

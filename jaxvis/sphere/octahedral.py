@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
 from jaxvis.sphere.components import join
+from jaxvis.sphere.ranges import quotient
 
 
 def _fold(
@@ -30,8 +31,8 @@ def encode(directions: Float[Array, "*points 3"]) -> Float[Array, "*points 2"]:
 def _unfolded(
     x: Float[Array, "*points"], y: Float[Array, "*points"], z: Float[Array, "*points"]
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    scale = 1.0 / (jnp.abs(x) + jnp.abs(y) + jnp.abs(z))
-    p, q = x * scale, y * scale
+    length = jnp.abs(x) + jnp.abs(y) + jnp.abs(z)
+    p, q = quotient(x, length), quotient(y, length)
     folded_p, folded_q = _fold(p, q)
     below = z < 0.0
     return jnp.where(below, folded_p, p), jnp.where(below, folded_q, q)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxvis.sphere.angles import turns
+from jaxvis.sphere.ranges import shrinking
 
 LEAST_SINE = 1e-7
 """No edge between float32 directions is shorter, but for those of no length."""
@@ -45,6 +46,8 @@ def along(directions: Directions, axis: Float[Array, "*points 3"]) -> Float[Arra
 def normalized(directions: Directions) -> Directions:
     """Unit directions; vectors shorter than 1e-12, whose gradients overflow, become zero."""
     x, y, z = directions
+    scale = shrinking(x, y, z)
+    x, y, z = x * scale, y * scale, z * scale
     square = x * x + y * y + z * z
     some = square > 1e-24
     scale = jnp.where(some, 1.0, 0.0) / jnp.sqrt(jnp.where(some, square, 1.0))

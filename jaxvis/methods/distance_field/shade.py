@@ -270,15 +270,23 @@ def radiance_of(
         def terms(part: Fragments) -> Terms:
             return _light_terms(part, at_vertices, towards(part), reflectance)
 
-        return _where_used(jax.checkpoint(terms), chunked, chunked.normal)
+        return _where_used(terms, chunked, chunked.normal)
+
+    # Gradients compute each block of lobes anew, and in it each block of pixels: what they keep is
+    # no more than one of each needs.
+    @jax.checkpoint
+    def from_lobes(block: SphericalGaussians) -> Terms:
+        return light_of(block.axis, _from_infinity(block))
+
+    @jax.checkpoint
+    def from_spheres(block: SphereLights) -> Terms:
+        return light_of(block.cones(samples.positions).axis, functools.partial(_at_places, block))
 
     def add_block(total: Terms, block: SphericalGaussians) -> tuple[Terms, None]:
-        seen = light_of(block.axis, _from_infinity(block))
-        return Terms(*(t + s for t, s in zip(total, seen, strict=True))), None
+        return _plus(total, from_lobes(block)), None
 
     def add_spheres(total: Terms, block: SphereLights) -> tuple[Terms, None]:
-        seen = light_of(block.cones(samples.positions).axis, functools.partial(_at_places, block))
-        return Terms(*(t + s for t, s in zip(total, seen, strict=True))), None
+        return _plus(total, from_spheres(block)), None
 
     shape = chunked.normal.shape
     # Lambert has one term alone.
@@ -306,7 +314,15 @@ def _where_used(
     def nothing(block: T) -> Any:
         return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
 
-    return jax.lax.map(lambda one: jax.lax.cond(one[0], function, nothing, one[1]), (used, blocks))
+    @jax.checkpoint  # around the condition, which else keeps what the function closes over
+    def either(one: tuple[Array, T]) -> Any:
+        return jax.lax.cond(one[0], function, nothing, one[1])
+
+    return jax.lax.map(either, (used, blocks))
+
+
+def _plus(one: Terms, other: Terms) -> Terms:
+    return Terms(*(a + b for a, b in zip(one, other, strict=True)))
 
 
 def _from_infinity(block: SphericalGaussians) -> Towards:
