@@ -29,22 +29,28 @@ a block differ."""
 PRIOR = 1.0
 """Rays for which the whole frame's visibility of a cell counts in each block."""
 
-FEWEST_TABLES = 1 << 6
-"""Tables are padded to a power of two from here on, so that few shapes are compiled."""
+TABLES_PER_TILE = 4
+"""For which there is room, or twice, four times as many: most tiles of large images have one or two
+blocks, so that no other camera needs other programs."""
+
+FEW_TABLES = 1 << 10
+"""Up to which there is room for the 12 that a tile may have."""
 
 
 class Blocks(NamedTuple):
     """Blocks of neighbouring pixels of like normals; host.
 
     Tables 2 k and 2 k + 1 belong to the halves of block k. ``normals`` is the mean of each block.
+    On the device there is ``room`` for so many tables.
     """
 
     table_of_pixel: Int32[np.ndarray, "pixels"]
     normals: Float[np.ndarray, "blocks 3"]
+    room: int
 
     @property
     def tables(self) -> int:
-        """Tables, padding included."""
+        """Two a block."""
         return 2 * len(self.normals)
 
 
@@ -136,12 +142,15 @@ def blocks_of(surface: Surface, points: ShadingPoints, tile: int, cells: int) ->
             break
         tile *= 2
     block = (np.cumsum(present) - 1)[name]
-    padded = max(FEWEST_TABLES, 1 << (2 * count - 1).bit_length()) // 2
-    mean = np.stack([np.bincount(block, c, padded) for c in (x, y, z)], axis=-1)
+    tiles = wide * (surface.mask.shape[0] // tile + 1)
+    room = min(12 * tiles, max(TABLES_PER_TILE * tiles, FEW_TABLES))
+    while room < 2 * count:
+        room *= 2
+    mean = np.stack([np.bincount(block, c, count) for c in (x, y, z)], axis=-1)
     length = np.linalg.norm(mean, axis=-1, keepdims=True)
     table = np.zeros(surface.mask.size, np.int32)
     table[pixel] = 2 * block + (row + column) % 2
-    return Blocks(table, mean / np.where(length > 0.0, length, 1.0))
+    return Blocks(table, mean / np.where(length > 0.0, length, 1.0), room)
 
 
 def cumulative_distributions(
@@ -160,7 +169,7 @@ def cumulative_distributions(
     for half in (0, 1):  # of the other one
         sent, free = (counts[1 - half :: 2].sum(axis=0) for counts in tally)
         everywhere[half] = (free + 0.5) / (sent + 1.0)
-    cdfs = np.zeros((blocks.tables, power.size + 1), np.float32)
+    cdfs = np.zeros((blocks.room, power.size + 1), np.float32)
     _accumulate(
         *(tally.sent, tally.free, everywhere, power.reshape(-1), centres),
         *(np.ascontiguousarray(blocks.normals), least, cdfs),
@@ -210,7 +219,7 @@ def _accumulate(sent, free, everywhere, power, centres, normals, least, cdfs):
     """Cumulative distributions over cells, each from the counts of the other half."""
     cells = power.shape[0]
     weights = np.empty(cells)
-    for table in range(cdfs.shape[0]):
+    for table in range(sent.shape[0]):
         other, normal = table ^ 1, normals[table // 2]
         total = 0.0
         for cell in range(cells):
