@@ -43,6 +43,11 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
 
     Where there are no locks (on Windows, on some network drives) everyone gets one.
     """
+    return _locked(file, wait) is not False
+
+
+def _locked(file: BinaryIO, wait: bool) -> bool | None:
+    """Whether it is locked now; None where there are no locks."""
     try:
         import fcntl
 
@@ -50,7 +55,7 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
     except BlockingIOError:
         return False
     except (ImportError, OSError):
-        pass
+        return None
     return True
 
 
@@ -89,14 +94,12 @@ def remove_leftovers(folder: Path, prefix: str) -> None:
     """
     for path in folder.glob(f"{glob.escape(prefix)}*"):
         held = path / HELD if path.is_dir() else path
-        with contextlib.suppress(OSError, ImportError):
-            import fcntl
-
+        with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime < LEFT_AFTER:
                 continue
             with held.open("ab") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                if _locked(file, wait=False):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 HELD = ".held"

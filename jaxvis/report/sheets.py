@@ -1,5 +1,6 @@
 """Pictures side by side, each above its error map on one fixed scale."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -15,6 +16,9 @@ from jaxvis.report.figures import error_map, error_scale
 
 CELL = 3.2
 """Inches from one picture to the next."""
+
+LETTERS = 44
+"""Of a title that fit between them."""
 
 
 class Tile(NamedTuple):
@@ -73,19 +77,33 @@ def sheet_of(tiles: Sequence[Tile], columns: int) -> Figure:
     columns = min(columns, len(tiles))
     blocks = -(-len(tiles) // columns)
     height, width = tiles[0].shown.shape[:2]
-    figure = Figure((CELL * columns, blocks * (2 * CELL * height / width + 0.45) + 0.75))
-    figure.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03, wspace=0, hspace=0)
+    titles = [folded(tile.title) for tile in tiles]
+    heading = 0.15 + 0.15 * max(title.count("\n") + 1 for title in titles)
+    figure = Figure((CELL * columns, blocks * (2 * CELL * height / width + heading) + 0.75))
+    figure.set_layout_engine("constrained", w_pad=0.03, h_pad=0.05, wspace=0, hspace=0)
     axes = figure.subplots(2 * blocks, columns, squeeze=False)
     for axis in axes.flat:
         axis.set_axis_off()
-    for index, tile in enumerate(tiles):
+    for index, (tile, title) in enumerate(zip(tiles, titles, strict=True)):
         above, column = 2 * (index // columns), index % columns
         axes[above, column].imshow(tile.shown, interpolation="nearest")
-        axes[above, column].set_title(tile.title, fontsize=9, parse_math=False)
+        axes[above, column].set_title(title, fontsize=9, parse_math=False)
         if tile.error is not None:
             axes[above + 1, column].imshow(tile.error, interpolation="nearest")
     error_scale(figure, axes, shrink=min(1.0, 2.5 / columns), pad=0.01)
     return figure
+
+
+def folded(title: str) -> str:
+    """Its lines no wider than a picture: broken at spaces, and between a method's parameters."""
+    lines = []
+    for line in title.split("\n"):
+        lines.append("")
+        for piece in re.split(r"(?<=[ ,])(?=\S)", line):
+            if lines[-1] and len(lines[-1] + piece.rstrip()) > LETTERS:
+                lines.append("")
+            lines[-1] += piece
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _shown(
