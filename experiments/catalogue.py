@@ -145,6 +145,15 @@ EXPERIMENTS = (
         ),
     ),
     Experiment(
+        "drawings",
+        "drawings of masks, visibility maps and samples as they are stored",
+        quick=(
+            *("--scene", "courtyard:triangles=20000", "--samples", "2e4"),
+            *("--moving", "balls:detail=32", *SMALL, "--resolution", "32"),
+        ),
+        data=("sponza",),
+    ),
+    Experiment(
         "spherical_gaussian_table",
         "errors of fits, cells, lobes and visibility integrals (eqs. 2 and 5 of paper 002)",
         quick=(
