@@ -3,10 +3,12 @@
 The folder ``results/`` has, for each run that ``python -m experiments NAME --out results`` stored,
 a folder with its tables as CSV and ``run.json`` (command, date, machine). ``claims.toml`` lists the
 papers' numbers and the aims, each with where ours stands in these tables; ``notes/*.md`` say what
-numbers alone do not, in the order of their names. ``--check`` writes nothing and fails where
-RESULTS.md is not what would be written.
+numbers alone do not, in the order of their names; a line ``{RUN/TABLE}`` of theirs stands for a
+stored table, ``{RUN/TABLE: a column, another}`` for some of its columns. ``--check`` writes nothing
+and fails where RESULTS.md is not what would be written.
 """
 
+import contextlib
 import csv
 import json
 import re
@@ -210,8 +212,43 @@ def page(store: Path = STORE) -> str:
         for way, number in ways.items()
     ]
     parts.append(f"{markdown(listed)}\n")
-    parts += [path.read_text(encoding="utf-8") for path in sorted((store / "notes").glob("*.md"))]
+    notes = [path.read_text(encoding="utf-8") for path in sorted((store / "notes").glob("*.md"))]
+    parts += [with_tables(note, runs) for note in notes]
     return "\n".join(part.strip("\n") + "\n" for part in parts)
+
+
+TABLE = re.compile(r"^\{([^/{}]+)/([^:{}]+)(?::([^{}]*))?\}$", re.MULTILINE)
+"""A line of a note that stands for a stored table: its run, its name, and columns of it."""
+
+
+def with_tables(note: str, runs: dict[str, Run]) -> str:
+    """A note with the stored tables that it names.
+
+    Raises:
+        ValueError: a run, a table or a column is not stored.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        label, name, listed = found.groups()
+        rows = runs[label].tables.get(name) if label in runs else None
+        if not rows:
+            raise ValueError(f"notes: {found[0]}: no such table is stored")
+        columns = [column.strip() for column in listed.split(",")] if listed else list(rows[0])
+        missing = [column for column in columns if column not in rows[0]]
+        if missing:
+            raise ValueError(f"notes: {found[0]}: it has no {', '.join(missing)}")
+        shown = [{column: _value(row[column]) for column in columns} for row in rows]
+        return markdown(shown)
+
+    return TABLE.sub(table, note)
+
+
+def _value(cell: str) -> Any:
+    """A stored cell as it was before it was written."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(cell)
+    return cell or None
 
 
 def _named(claim: Claim) -> str:

@@ -37,6 +37,7 @@ import numpy as np
 import jaxvis
 from jaxvis.image import display, displayed_error, exposure_of, psnr, rmse, write_image
 from jaxvis.report import psnr_over_time, sheet
+from jaxvis.view import App
 
 # %% [markdown]
 # ## A scene and an environment
@@ -274,7 +275,19 @@ page = jaxvis.write_report(comparison, "jaxvis-out", progress=False)
 print(page, f"{page.stat().st_size / 1e6:.1f} MB")
 
 # %% [markdown]
-# At the command line the same is
+# ## Look around
+#
+# `jaxvis.view.App` shows a scene in place: orbit with the mouse, turn or spin the light, pick a
+# method and its parameters. Once nothing moves, a reference is rendered aside, and with it come the
+# PSNR and, under `show`, the error map. (The browser must run on the machine of the notebook; there
+# is nothing to see in a notebook that is only read.)
+
+# %%
+app = App(scene, environment, "vectorized:zeta=1,vectors=64", camera=camera, height=192)
+app
+
+# %% [markdown]
+# `app.stop()` ends it. At the command line the comparison is
 #
 # ```bash
 # jaxvis compare --methods mc-environment,mc-mis,vectorized,adaptive --spp 64 --size 160 120

@@ -187,8 +187,8 @@ class App:
 
     def _show(self, client: "ClientHandle", view: "View") -> None:
         frame, reference = view.frame, view.reference
-        if frame is None:
-            return
+        if frame is None or client.client_id not in self._server.get_clients():
+            return  # the window was closed while its frame was made
         what, stops = self._controls.display
         exposure = frame.exposure * 2.0**stops
         if reference is None or reference.setting.size != frame.setting.size or what == "image":

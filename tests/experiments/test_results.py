@@ -113,6 +113,27 @@ def test_verdicts(value, aim, said):
     assert verdict(value, aim) == said
 
 
+def test_notes_show_stored_tables(store):
+    (store / "notes" / "20-more.md").write_text("Before:\n\n{race/best}\n\n{race/best: margin}\n")
+    text = page(store)
+    both = "| scene | margin |\n| --- | --- |\n| duck | ≥ 15.5 |\n| pot | 12.25 |"
+    assert f"Before:\n\n{both}\n\n| margin |" in text
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("{rac/best}", "no such table"),
+        ("{race/worst}", "no such table"),
+        ("{race/best: length}", "has no length"),
+    ],
+)
+def test_notes_of_what_is_not_stored_are_refused(store, line, said):
+    (store / "notes" / "20-more.md").write_text(f"{line}\n")
+    with pytest.raises(ValueError, match=said):
+        page(store)
+
+
 def test_a_value_needs_a_number():
     with pytest.raises(ValueError, match="no number in 'none'"):
         number("none")

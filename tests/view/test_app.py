@@ -116,8 +116,21 @@ def test_a_fault_does_not_end_it(app, browser, monkeypatch):
     wait_until(lambda: "ms" in status(app))
 
 
-def test_a_notebook_shows_it_in_place(app):
-    assert f'<iframe src="{app.url}"' in app._repr_html_()
+def test_a_notebook_shows_it_in_place(app, browser, tmp_path):
+    """What a notebook puts into its page is the viewer with its picture."""
+    page = tmp_path / "notebook.html"
+    page.write_text(f"<p>before</p>{app._repr_html_()}<p>after</p>")
+    browser.get(page.as_uri())
+    wait_until(lambda: any(view.frame is not None for view in app._views.values()))
+    inside = browser.find_element("tag name", "iframe").rect
+    assert inside["width"] > 500
+
+    def shown():
+        left, top = round(inside["x"]), round(inside["y"])
+        window = Image.open(BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+        return np.asarray(window, np.float64)[top : top + 300, left : left + 250]
+
+    wait_until(lambda: shown().std() > 10.0)
 
 
 def test_unknown_methods_and_sizes_are_refused_before_a_server_starts():
