@@ -14,6 +14,8 @@ from tests.methods.known_scenes import MATERIALS, SCENES
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="the driver of browsers is missing")
 pytest.importorskip("viser", reason="the viewer's server is missing")
+# pytest has filters of its own in place of the viewer's.
+pytestmark = pytest.mark.filterwarnings("ignore:Queued a .* on a closed connection")
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 FLAGS = (
     *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
