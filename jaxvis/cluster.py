@@ -21,6 +21,10 @@ LOCAL = {
     "distributed.scheduler.worker-ttl": None,
     # Without Dask's own MALLOC_TRIM_THRESHOLD_: every array would be given back and fetched anew.
     "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
+    # What Dask looks at a hundred times a second costs a worker that compiles a tenth of its core.
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
     "logging.distributed": "error",
 }
 """Dask's settings for workers of one core each; their memory is limited by the machine alone."""

@@ -93,11 +93,8 @@ def _distribute(
 ) -> None:
     """Gives every free worker a job until all are done.
 
-    Each worker goes through a contiguous part of the grid, since neighbours share scenes,
-    references, lights and compiled programs; who has done its part takes from the end of the
-    longest one left. Every other part is gone through from its end: side by side, two workers
-    would compile the same programs at the same time, and so find less in the persistent cache. A
-    job whose worker dies goes to another.
+    Each worker goes through a part of the grid; who has done its own takes from the end of the
+    longest one left. A job whose worker dies goes to another.
 
     Args:
         bound: keep each worker to a core of its own.
@@ -105,7 +102,6 @@ def _distribute(
     from distributed import KilledWorker, wait
 
     parts = split(jobs, len(worker_threads(client)))
-    parts = [part[::-1] if index % 2 else part for index, part in enumerate(parts)]
     own: dict[str, int] = {}
     running: dict[Future, tuple[Job, str]] = {}
     while any(parts) or running:

@@ -117,9 +117,22 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         read_grid(tmp_path / "binary.toml")
 
 
-def test_parts_are_contiguous_and_even():
+def test_parts_are_even_and_every_other_one_goes_backwards():
     jobs = Grid(("mc-mis",), seed=tuple(range(7))).jobs()
     parts = split(jobs, 3)
     assert [len(part) for part in parts] == [2, 2, 3]
-    assert [job for part in parts for job in part] == list(jobs)
+    assert [job.seed for part in parts for job in part] == [0, 1, 3, 2, 4, 5, 6]
     assert [len(part) for part in split(jobs[:1], 2)] == [0, 1]
+
+
+def test_parts_share_no_light_that_they_need_not():
+    """Programs depend on the size of a light's tables."""
+    grid = Grid(
+        ("mc-mis", "vectorized"), ("teapot", "hat"), ("windows", "uniform"), rotate=(0.0, 90.0)
+    )
+    first, second = split(grid.jobs(), 2)
+    assert {job.environment for job in first} == {"windows"}
+    assert {job.environment for job in second} == {"uniform"}
+    assert [job.scene for job in first] == 4 * ["teapot"] + 4 * ["hat"]
+    assert [job.scene for job in second] == 4 * ["hat"] + 4 * ["teapot"]
+    assert sorted(map(repr, first + second)) == sorted(map(repr, grid.jobs()))
