@@ -292,12 +292,10 @@ def test_frame_after_frame_keeps_no_memory():
     for number in range(5):
         frame(number)
     fields = None
-    # Programs are compiled for numbers of samples that have not been before, until these settle.
-    for step in range(20):
-        fields = one(step % 5, fields)
-    tracemalloc.start()
+    tracemalloc.start()  # before all: what replaces memory that is not traced would count as more
     try:
-        for step in range(5):
+        # Programs are compiled for numbers of samples that were not before, until these settle.
+        for step in range(25):
             fields = one(step % 5, fields)
         before = held()
         for step in range(10):
@@ -305,8 +303,8 @@ def test_frame_after_frame_keeps_no_memory():
         after = held()
     finally:
         tracemalloc.stop()
-    # A leaked set of maps and distances would be more, ten times.
-    assert after - before < fields.signed_distance.nbytes
+    # Ten leaked sets of distances and maps; a table of weak references of JAX that grows is less.
+    assert after - before < 5 * fields.signed_distance.nbytes
 
 
 def test_frames_keep_to_the_density_of_the_first():
