@@ -199,6 +199,14 @@ EXPERIMENTS = (
         data=("duck", "stpeters"),
     ),
     Experiment(
+        "speed_sweep",
+        "seconds of a sweep of 200 rows on one worker process and on two, and their tables",
+        quick=(
+            *("--scene", "box-on-plane", "--environment", "uniform", "--size", "32", "24"),
+            *("--method", "mc-mis:spp=1", "--seeds", "2", "--pairs", "1"),
+        ),
+    ),
+    Experiment(
         "speed_rays",
         "ray throughput against bare embreex, and Embree's share of a Monte Carlo frame",
         quick=(
