@@ -16,12 +16,12 @@ from pathlib import Path
 from experiments.output import Output, Row
 from experiments.settings import Common, execute, setting
 from jaxvis.sweep import variants
+from jaxvis.sweep.store import TABLE
 
 METHODS = (
     *variants("vectorized", vectors=32, resolution=32, zeta=(0, 0.5, 1, 1.5, 2)),
     *variants("mc-mis", spp=(1, 2, 4, 8, 16)),
 )
-TABLE = "table.csv"
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,10 @@ SAMPLES_PER_JOB = 32
 HINTED = 32
 """Finest level at which neighbours' boundaries are looked at: beyond, own boundaries are known."""
 
-BESIDE = 64
-"""Texels, at a map of one texel, within which an own boundary makes a hint unnecessary, since it
-leads there by itself: 4 at 16 x 16, 2 at 32 x 32. The nearer, the fewer slim openings are missed
-(light under what stands on something) and the more rays are traced."""
+BESIDE = 4
+"""Texels within which an own boundary makes a hint unnecessary, since it leads there by itself; at
+the finest level half of it, since what is missed there stays so (light leaks under what stands on
+something). The nearer, the more rays are traced."""
 
 
 class Views(NamedTuple):
@@ -217,7 +217,7 @@ def _mark_boundaries(values, marked):
 def _any_beside(own, row, column):
     """Whether a texel within :data:`BESIDE` is marked."""
     side = own.shape[0]
-    reach = BESIDE // side
+    reach = BESIDE // 2 if side >= HINTED else BESIDE
     for i in range(max(row - reach, 0), min(row + reach + 1, side)):
         for j in range(max(column - reach, 0), min(column + reach + 1, side)):
             if own[i, j]:

@@ -118,6 +118,16 @@ def test_what_one_sample_misses_its_neighbours_tell_it():
         assert again.maps[0].all()
 
 
+@pytest.mark.parametrize(("side", "reach"), [(8, 4), (16, 4), (32, 2)])
+def test_own_boundaries_make_hints_unnecessary_only_nearby(side, reach):
+    """At the finest level nearer ones: a wider reach let light leak under the ball of ``balls``."""
+    own = np.zeros((side, side), bool)
+    own[0, 0] = True
+    assert module._any_beside(own, reach, reach)
+    assert not module._any_beside(own, reach + 1, 0)
+    assert not module._any_beside(own, 0, reach + 1)
+
+
 def test_hints_are_directions_of_the_world():
     """The sample that is told looks another way round: the same patch is elsewhere in its map."""
     direction = np.array([0.3, 0.2, 1.0])
