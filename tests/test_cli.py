@@ -300,12 +300,22 @@ def _run(*arguments: str, **environment: str) -> subprocess.CompletedProcess:
     )
 
 
-def test_help_imports_nothing_heavy():
-    code = (
-        "import sys; from jaxvis import cli; cli.main(['--help']);"
-        "heavy = ('jax', 'trimesh', 'matplotlib', 'pandas', 'embreex', 'tqdm');"
-        "print([m for m in heavy if m in sys.modules])"
-    )
+@pytest.mark.parametrize(
+    ("run", "heavy"),
+    [
+        (
+            "from jaxvis import cli; cli.main(['--help'])",
+            "jax trimesh matplotlib pandas embreex tqdm",
+        ),
+        # Each worker process of a sweep waits for these as well.
+        (
+            "import jaxvis.sweep.work",
+            "trimesh networkx pandas matplotlib scipy.sparse scipy.spatial scipy.fft",
+        ),
+    ],
+)
+def test_only_what_is_needed_is_imported(run, heavy):
+    code = f"import sys; {run}; print([m for m in {heavy.split()} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Bool, Float
-from scipy.ndimage import distance_transform_edt
 
 from jaxvis.image.denoise import denoise, denoiser
 from jaxvis.lighting import Environment
@@ -91,7 +91,9 @@ def continued(
 
     Denoisers let the black beside an outline darken what is inside of it.
     """
-    nearest: Any = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    nearest: Any = scipy.ndimage.distance_transform_edt(
+        ~covered, return_distances=False, return_indices=True
+    )
     return image[tuple(nearest)]
 
 

@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float32, Int, Int32
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from jaxvis.scene import Scene
 from jaxvis.scene.rays import OFFSET_SCALE
@@ -97,8 +96,10 @@ def connected_surfaces(placed: VertexSamples) -> Int32[np.ndarray, "samples"]:
         first, number = equal_rows(*placed.positions[used].T)
         edges.append(np.column_stack([used, used[first[number]]]))
     row, column = np.concatenate(edges).T
-    graph = csr_array((np.ones(len(row), np.int8), (row, column)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int32)
+    graph = scipy.sparse.csr_array(
+        (np.ones(len(row), np.int8), (row, column)), shape=(count, count)
+    )
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def placed_samples(

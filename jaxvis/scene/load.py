@@ -9,7 +9,6 @@ from typing import Any
 from jaxvis import datasets, specs
 from jaxvis.scene.animation import Animation, still
 from jaxvis.scene.builtin import ANIMATIONS, builtin_animation, builtin_scene, builtin_scenes
-from jaxvis.scene.files import load_mesh_file
 from jaxvis.scene.scene import Scene
 from jaxvis.scene.terrain import load_height_field
 
@@ -85,6 +84,8 @@ def _load(source: str | os.PathLike) -> Scene:
 def _load_file(path: Path, name: str) -> Scene:
     if path.suffix.lower() == ".npz":
         return load_height_field(path, name)
+    from jaxvis.scene.files import load_mesh_file  # only now: it imports trimesh
+
     return load_mesh_file(path, name)
 
 

@@ -1,9 +1,8 @@
 """Vertex normals: smoothed within creases, and turned to the front of their triangles (host)."""
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64, Integer
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from jaxvis.scene.weld import edge_sides
 
@@ -53,8 +52,10 @@ def crease_normals(
         second += [_next_corner(there), there]
     rows = np.concatenate([np.zeros(0, np.int64), *first])
     columns = np.concatenate([np.zeros(0, np.int64), *second])
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(corners, corners))
-    parts, part = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(rows), np.int8), (rows, columns)), shape=(corners, corners)
+    )
+    parts, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
     weights = np.repeat(areas, 3, axis=0)
     total = np.stack([np.bincount(part, weights[:, axis], parts) for axis in range(3)], axis=-1)
     length = np.linalg.norm(total, axis=-1, keepdims=True)

@@ -6,9 +6,8 @@ beneath) is lost in a map of heights, and makes it a mesh for the 3D lightmap.
 """
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float64, Int32, Integer
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from jaxvis.methods.cones.height_field import (
     Layout,
@@ -135,7 +134,7 @@ def _components(places: Integer[np.ndarray, "triangles 3"]) -> Int32[np.ndarray,
     """Connected components of triangles given by position numbers, by first triangle."""
     count = int(places.max()) + 1
     start, end = np.repeat(places[:, 0], 2), places[:, 1:].reshape(-1)
-    graph = coo_matrix((np.ones(len(start), bool), (start, end)), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_matrix((np.ones(len(start), bool), (start, end)), shape=(count, count))
+    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
     _, ids = equal_rows(label[places[:, 0]])
     return ids.astype(np.int32)

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Float64, Int, Int32, Integer
-from scipy.spatial import KDTree
 
 from jaxvis.compiled import compiled
 from jaxvis.scene.normals import area_vectors
@@ -220,7 +220,7 @@ def _from_samples(
         return gap
     # The nearest sample leads to the nearest surface: that of the cells around it.
     position = tops.points.position[hidden]
-    tree = KDTree(np.stack([field.x[met], field.height[met], field.z[met]], axis=-1))
+    tree = scipy.spatial.KDTree(np.stack([field.x[met], field.height[met], field.z[met]], axis=-1))
     near, sample = tree.query(position, workers=-1)
     sample = met[sample]
     near = np.minimum(near, gap)

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float32, Int, Int32
-from scipy.spatial import KDTree
 
 from jaxvis.cores import core_count
 from jaxvis.methods.distance_field.foretold import Foretold
@@ -100,7 +100,7 @@ def _between(
     normal = a.normals + b.normals
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     middle = Places.of(0.5 * (a.positions + b.positions), normal / np.maximum(length, NEARER), 1.0)
-    _, found = KDTree(places.joint[free]).query(middle.joint, workers=core_count())
+    _, found = scipy.spatial.KDTree(places.joint[free]).query(middle.joint, workers=core_count())
     found = free[np.asarray(found)]
     apart = near.error[first, slot]
     inside = geometric_error(places.take(found), middle) < 0.5 * apart

@@ -3,8 +3,8 @@
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Float32, Int, Int32
-from scipy.spatial import KDTree
 
 from jaxvis.compiled import compiled
 from jaxvis.cores import core_count
@@ -104,13 +104,13 @@ def _pool(samples: Places, places: Places, count: int) -> Int[np.ndarray, "place
     if not count:
         return np.zeros((len(places.positions), 0), np.int64)
     workers = core_count()
-    tree = KDTree(np.column_stack([samples.joint, ELSEWHERE * samples.parts]))
+    tree = scipy.spatial.KDTree(np.column_stack([samples.joint, ELSEWHERE * samples.parts]))
     joint = np.column_stack([places.joint, ELSEWHERE * places.parts])
     found = tree.query(joint, count, workers=workers)[1].reshape(len(joint), count)
     # Surfaces without samples take those of others, whose numbers mean nothing.
     bare = ~np.isin(places.parts, samples.parts)
     if bare.any():
-        tree = KDTree(samples.joint)
+        tree = scipy.spatial.KDTree(samples.joint)
         found[bare] = tree.query(places.joint[bare], count, workers=workers)[1].reshape(-1, count)
     return found
 

@@ -3,8 +3,8 @@
 from functools import cache, lru_cache
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64
-from scipy.spatial.transform import Rotation
 
 from jaxvis.reflectance import Material, Mixed
 from jaxvis.scene.animation import Animation, Pose
@@ -95,14 +95,14 @@ def _turn(number: int, frame: int) -> Float64[np.ndarray, "3 3"]:
     centre and the dish's normal n.
     """
     if frame == 0:
-        return Rotation.from_rotvec([0.3, 0.5 + number, 0.2]).as_matrix()
+        return scipy.spatial.transform.Rotation.from_rotvec([0.3, 0.5 + number, 0.2]).as_matrix()
     times = frame - 1 + np.linspace(0.0, 1.0, STEPS + 1)
     centres = _centre(number, times)
     middle = unit([0.0, BOWL, 0.0] - _centre(number, 0.5 * (times[1:] + times[:-1])))
     turns = np.cross(middle, np.diff(centres, axis=0)) / RADII[number]
     turned = _turn(number, frame - 1)
     for turn in turns:
-        turned = Rotation.from_rotvec(turn).as_matrix() @ turned
+        turned = scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix() @ turned
     return turned
 
 

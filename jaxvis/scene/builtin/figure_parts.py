@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64
-from scipy.interpolate import PchipInterpolator
 
 from jaxvis.scene.builtin.gait import BALL, Foot, Frame, Limb
 from jaxvis.scene.builtin.mesh import unit
@@ -27,7 +27,7 @@ def profile(
 ) -> Float64[np.ndarray, "rows values"]:
     """Smooth interpolation, without overshoot, of rows (along, value, ...)."""
     table = np.asarray(knots, np.float64)
-    return PchipInterpolator(table[:, 0], table[:, 1:], axis=0)(along)
+    return scipy.interpolate.PchipInterpolator(table[:, 0], table[:, 1:], axis=0)(along)
 
 
 def rounding(

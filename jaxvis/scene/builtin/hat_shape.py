@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64
-from scipy.interpolate import BSpline
 
 from jaxvis.scene.builtin.mesh import unit
 from jaxvis.scene.builtin.noise import smoothstep
@@ -65,7 +65,9 @@ def middle_surface(
 def _profile(along: Float[np.ndarray, "*points"]) -> Float64[np.ndarray, "*points 3"]:
     degree, count = 3, len(_PROFILE)
     inner = np.linspace(0.0, 1.0, count - degree + 1)
-    spline = BSpline(np.r_[[0.0] * degree, inner, [1.0] * degree], _PROFILE, degree)
+    spline = scipy.interpolate.BSpline(
+        np.r_[[0.0] * degree, inner, [1.0] * degree], _PROFILE, degree
+    )
     fine = np.linspace(0.0, 1.0, 2001)
     steps = np.linalg.norm(np.diff(spline(fine), axis=0), axis=-1)
     arc = np.r_[0.0, np.cumsum(steps)]

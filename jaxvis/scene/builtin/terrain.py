@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import trimesh
 from jaxtyping import Bool, Float64, Num
 
 from jaxvis.reflectance import Lambert, Texture
@@ -246,6 +245,8 @@ def _blob(
     width: float, tall: float, middle: float, material: int, seed: int, subdivisions: int
 ) -> Solid:
     """A lumpy crown: a subdivided icosahedron, its vertices moved in and out."""
+    import trimesh  # only now: it takes a third of a second
+
     sphere = trimesh.creation.icosphere(subdivisions)
     points = np.asarray(sphere.vertices, np.float64)
     lumps = 0.72 + 0.56 * noise(1.4 * points + 7.0 * seed, 2, seed)

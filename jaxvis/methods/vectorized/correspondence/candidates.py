@@ -9,8 +9,8 @@ points on the sphere are the facets of their convex hull.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float32, Float64, Int, Int16, Int32
-from scipy.spatial import ConvexHull
 
 JITTER = 1e-7
 """Radians by which sites are moved: those that coincide must remain different sites."""
@@ -120,7 +120,7 @@ def hull_facets(
     points = np.concatenate([sites, axes[free]]).astype(np.float64)
     points += jitter[: len(points)]
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    return points, ConvexHull(points, qhull_options="Qt").simplices
+    return points, scipy.spatial.ConvexHull(points, qhull_options="Qt").simplices
 
 
 def _of_face(
