@@ -4,6 +4,9 @@ import math
 import os
 import platform
 import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import Future
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -35,33 +38,31 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
         _keep_to(core)
     use_compilation_cache()
     started = time.perf_counter()
-    view = _view(job.view)
+    setting = _setting(job.view)
     method = methods.create(job.method)
+    # Before the reference: workers that start together with different methods compile these side by
+    # side, and then one the reference's programs for all.
+    ready = _attempted(lambda: _prepared(job.method, method, job.view, setting))
+    truth = _truth(job.view)
     row, _ = method_row(
         job.method,
         method,
-        view.setting,
-        view.yardstick,
+        setting,
+        truth.yardstick,
         job.seed,
         progress=False,
         curve=False,
-        prepare=lambda: _prepared(job.method, method, job.view, view.setting),
+        prepare=ready,
     )
-    row |= {"reference_error": view.reference_error, "machine": platform.node()}
+    row |= {"reference_error": truth.error, "machine": platform.node()}
     row["total_s"] = time.perf_counter() - started
     return {name: row.get(name) for name in (*VALUES, *TIMING)}
 
 
-class _View(NamedTuple):
-    setting: Setting
-    yardstick: Yardstick
-    reference_error: float | None
-
-
 @lru_cache(maxsize=KEPT)
-def _view(job: Job) -> _View:
-    """The scene under its light, and its reference."""
-    setting = prepare(
+def _setting(job: Job) -> Setting:
+    """The scene under its light."""
+    return prepare(
         job.scene,
         job.environment,
         job.size,
@@ -69,11 +70,32 @@ def _view(job: Job) -> _View:
         supersampling=job.supersampling,
         reflectance=job.reflectance,
     )
-    truth = methods.create(job.reference)
-    image, row = render_reference(truth, setting, job.seed, False)
+
+
+class _Truth(NamedTuple):
+    yardstick: Yardstick
+    error: float | None
+
+
+@lru_cache(maxsize=KEPT)
+def _truth(job: Job) -> _Truth:
+    """The reference of the scene under its light."""
+    setting = _setting(job)
+    image, row = render_reference(methods.create(job.reference), setting, job.seed, False)
     covered = setting.covered
     yardstick = Yardstick(image, covered, exposure_of(image, covered))
-    return _View(setting, yardstick, row["relative_error"])
+    return _Truth(yardstick, row["relative_error"])
+
+
+def _attempted(make: Callable[[], Prepared]) -> Callable[[], Prepared]:
+    """Makes it now; the result returns it, or raises what was raised."""
+    done: Future[Prepared] = Future()
+    try:
+        with warnings.catch_warnings(action="ignore"):  # a row has no place for them
+            done.set_result(make())
+    except Exception as error:
+        done.set_exception(error)
+    return done.result
 
 
 _PREPARED: dict[tuple[str, Job], Prepared] = {}

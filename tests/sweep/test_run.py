@@ -139,6 +139,21 @@ def test_seeds_share_visibility_and_light(tmp_path, monkeypatch):
     assert len(work._PREPARED) == 1
 
 
+def test_the_reference_comes_after_what_the_method_prepares(tmp_path, monkeypatch):
+    """Workers that start together with different methods must not all compile it."""
+    order = []
+    for name in ("prepared", "render_reference"):
+        known = getattr(work, name)
+        monkeypatch.setattr(
+            work, name, lambda *args, n=name, f=known, **kw: order.append(n) or f(*args, **kw)
+        )
+    monkeypatch.setattr(work, "_PREPARED", {})
+    work._truth.cache_clear()
+    grid = replace(GRID, scene=GRID.scene[:1], environment=GRID.environment[:1])
+    run_grid(replace(grid, methods=("mc-mis:spp=1",)), tmp_path, workers=0)
+    assert order == ["prepared", "render_reference"]
+
+
 def test_two_processes_measure_the_same(tmp_path, alone):
     run_grid(GRID, tmp_path, workers=2)
     assert_whole(tmp_path, alone)
