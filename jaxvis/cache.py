@@ -9,7 +9,6 @@ import shutil
 import tempfile
 import time
 import warnings
-import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jaxvis.errors import JaxvisWarning
+from jaxvis.npz import read_npz
 
 FORMAT = 4
 """Version of what is cached. Raise it when the meaning of a cached array changes."""
@@ -127,12 +127,11 @@ def load_arrays(path: str | os.PathLike, kind: str) -> tuple[dict[str, np.ndarra
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            arrays = {key: file[key] for key in file.files if key != "header"}
+        arrays = read_npz(path)
+        header = json.loads(str(arrays.pop("header")))
         found = (header["format"], header["kind"])
         digest = header.pop(DIGEST, None)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: damaged or not a jaxvis file; delete it and rebuild") from error
     if found != (FORMAT, kind):
         error = ValueError if found[0] == FORMAT else OutdatedError

@@ -137,6 +137,13 @@ def saved(spec: str) -> tuple[Callable[[], bytes], Callable[[Path], object]]:
     return content, lambda path: type(build()).load(path)
 
 
+def terrain() -> bytes:
+    z = np.random.default_rng(0).uniform(0.0, 2.0, (12, 9)).astype(np.float32)
+    content = io.BytesIO()
+    np.savez_compressed(content, z=z, dx=0.5)
+    return content.getvalue()
+
+
 def results() -> bytes:
     camera = {"eye": [1.0, 2.0, 3.0], "target": [0, 0, 0], "up": [0, 1, 0], "field_of_view": 0.7}
     row = {"method": "mc-mis", "psnr_db": 31.5, "parameters": {"spp": 4}}
@@ -197,6 +204,7 @@ KINDS = {
     "obj": Kind("mesh.obj", OBJ.encode, info),
     "ply": Kind("mesh.ply", ply, info),
     "stl": Kind("mesh.stl", STL.encode, info),
+    "terrain": Kind("terrain.npz", terrain, info),
     "hdr": Kind("light.hdr", picture(".hdr"), info),
     "exr": Kind("light.exr", picture(".exr"), info),
     "pfm": Kind("light.pfm", picture(".pfm"), info),

@@ -10,7 +10,8 @@ from tests import fuzzing
 
 SEED = os.environ.get("JAXVIS_SEED", "0")
 FILES = os.environ.get("JAXVIS_FUZZ_FILES", "250")
-FORMATS = ("glb", "gltf", "obj", "ply", "stl", "hdr", "exr", "pfm", "results", "grid", "rows")
+FORMATS = ("glb", "gltf", "obj", "ply", "stl", "terrain", "hdr", "exr", "pfm", "results")
+FORMATS += ("grid", "rows")
 
 
 @pytest.mark.parametrize("kinds", [FORMATS, ("polygons", "distances")], ids=["formats", "saved"])

@@ -15,6 +15,7 @@ LAYERS = [
     "cores",
     "cluster",
     "devices",
+    "npz",
     "cache",
     "specs",
     "pixels",

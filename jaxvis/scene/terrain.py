@@ -1,12 +1,12 @@
 """Height fields in .npz files, as triangle meshes (host)."""
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from jaxvis.errors import InvalidScene
+from jaxvis.npz import read_npz
 from jaxvis.scene.build import build_scene
 from jaxvis.scene.scene import Scene
 
@@ -21,11 +21,11 @@ def load_height_field(path: Path, name: str) -> Scene:
         InvalidScene: the file is damaged, or has no such arrays.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            heights, spacing = file["z"].astype(np.float64), float(file["dx"])
+        arrays = read_npz(path, ("z", "dx"))
+        heights, spacing = arrays["z"].astype(np.float64), float(arrays["dx"])
     except KeyError as error:
         raise InvalidScene(f"{path}: a height field needs the arrays z and dx") from error
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, TypeError) as error:
         raise InvalidScene(f"{path}: damaged or not a NumPy .npz file") from error
     if heights.ndim != 2 or min(heights.shape) < 2:
         raise InvalidScene(f"{path}: z must be [rows, columns], got {list(heights.shape)}")
