@@ -21,7 +21,7 @@ def load_height_field(path: Path, name: str) -> Scene:
         InvalidScene: the file is damaged, or has no such arrays.
     """
     try:
-        arrays = read_npz(path, ("z", "dx"))
+        arrays = read_npz(path)
         heights, spacing = arrays["z"].astype(np.float64), float(arrays["dx"])
     except KeyError as error:
         raise InvalidScene(f"{path}: a height field needs the arrays z and dx") from error

@@ -1,12 +1,10 @@
 """What a worker of a sweep does: one row."""
 
+import contextlib
 import math
 import os
 import platform
 import time
-import warnings
-from collections.abc import Callable
-from concurrent.futures import Future
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -42,7 +40,8 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
     method = methods.create(job.method)
     # Before the reference: workers that start together with different methods compile these side by
     # side, and then one the reference's programs for all.
-    ready = _attempted(lambda: _prepared(job.method, method, job.view, setting))
+    with contextlib.suppress(Exception):  # the row meets it again, and has a place for it
+        _prepared(job.method, method, job.view, setting)
     truth = _truth(job.view)
     row, _ = method_row(
         job.method,
@@ -52,7 +51,7 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
         job.seed,
         progress=False,
         curve=False,
-        prepare=ready,
+        prepare=lambda: _prepared(job.method, method, job.view, setting),
     )
     row |= {"reference_error": truth.error, "machine": platform.node()}
     row["total_s"] = time.perf_counter() - started
@@ -85,17 +84,6 @@ def _truth(job: Job) -> _Truth:
     covered = setting.covered
     yardstick = Yardstick(image, covered, exposure_of(image, covered))
     return _Truth(yardstick, row["relative_error"])
-
-
-def _attempted(make: Callable[[], Prepared]) -> Callable[[], Prepared]:
-    """Makes it now; the result returns it, or raises what was raised."""
-    done: Future[Prepared] = Future()
-    try:
-        with warnings.catch_warnings(action="ignore"):  # a row has no place for them
-            done.set_result(make())
-    except Exception as error:
-        done.set_exception(error)
-    return done.result
 
 
 _PREPARED: dict[tuple[str, Job], Prepared] = {}
