@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from jaxvis import specs
 from jaxvis.errors import JaxvisWarning
+from jaxvis.importing import uncollected_imports
 
 if TYPE_CHECKING:
     from jaxvis.compare import Setting
@@ -51,8 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from jaxvis.compare import choose_methods, compare, output_folder
-    from jaxvis.report import correspondence_sections, has_correspondence, plain, write_report
+    with uncollected_imports():
+        from jaxvis.compare import choose_methods, compare, output_folder
+        from jaxvis.report import correspondence_sections, has_correspondence, plain, write_report
 
     with output_folder(options.out) as folder:
         # A wrong name shows before a scene is loaded.
@@ -88,9 +90,10 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from jaxvis.compare import file_stem, output_folder, render
-    from jaxvis.image import write_image
-    from jaxvis.methods import create
+    with uncollected_imports():
+        from jaxvis.compare import file_stem, output_folder, render
+        from jaxvis.image import write_image
+        from jaxvis.methods import create
 
     if options.frames is not None:
         return _render_frames(options)
@@ -140,10 +143,11 @@ def _render_frames(options: argparse.Namespace) -> int:
 
 
 def _precompute(options: argparse.Namespace) -> int:
-    from jaxvis.cluster import on_cluster
-    from jaxvis.compare import file_stem, output_folder, use_compilation_cache
-    from jaxvis.methods import create
-    from jaxvis.report import numbers
+    with uncollected_imports():
+        from jaxvis.cluster import on_cluster
+        from jaxvis.compare import file_stem, output_folder, use_compilation_cache
+        from jaxvis.methods import create
+        from jaxvis.report import numbers
 
     use_compilation_cache()
     with output_folder(options.out) as folder:
@@ -160,7 +164,12 @@ def _precompute(options: argparse.Namespace) -> int:
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    from jaxvis.sweep import read_grid, run_grid
+    from jaxvis.workers import start_importing
+
+    if options.scheduler is None and options.workers != 0:
+        start_importing()  # while this process imports, too
+    with uncollected_imports():
+        from jaxvis.sweep import read_grid, run_grid
 
     grid = read_grid(options.grid)
     frame = run_grid(
@@ -176,9 +185,10 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    from jaxvis.lighting import load_environment
-    from jaxvis.scene import load_scene
-    from jaxvis.view import App
+    with uncollected_imports():
+        from jaxvis.lighting import load_environment
+        from jaxvis.scene import load_scene
+        from jaxvis.view import App
 
     scene = load_scene(options.scene)
     if options.reflectance is not None:
@@ -242,8 +252,9 @@ def _fact(value: Any) -> str:
 
 
 def _methods(options: argparse.Namespace) -> int:
-    from jaxvis import methods
-    from jaxvis.methods.denoised import SUFFIX
+    with uncollected_imports():
+        from jaxvis import methods
+        from jaxvis.methods.denoised import SUFFIX
 
     for entry in methods.table():
         mark = " *" if entry.representative else ""

@@ -14,6 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from jaxvis.cores import core_count
+from jaxvis.workers import ONE_THREAD, START_METHOD, start_importing
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -22,7 +23,8 @@ LOCAL = {
     # Jobs may take long in compiled code, in which a worker cannot answer.
     "distributed.scheduler.worker-ttl": None,
     # Without Dask's own MALLOC_TRIM_THRESHOLD_: every array would be given back and fetched anew.
-    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
+    "distributed.nanny.pre-spawn-environ": ONE_THREAD,
+    "distributed.worker.multiprocessing-method": START_METHOD,
     # What Dask looks at a hundred times a second costs a worker that compiles a tenth of its core.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -185,6 +187,8 @@ def client_of(workers: int, scheduler: str | None) -> Iterator["Client"]:
         OSError: no scheduler answers, or the cluster is lost.
         ModuleNotFoundError: Dask is not installed.
     """
+    if scheduler is None:
+        start_importing()
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -218,6 +222,7 @@ def client_of(workers: int, scheduler: str | None) -> Iterator["Client"]:
             memory_limit=0,
             dashboard_address=":0",
             silence_logs=50,
+            env=dict(os.environ),  # of now: workers are forked from an older process
         ) as cluster,
         Client(cluster) as client,
     ):

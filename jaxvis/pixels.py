@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import Float32
 
 
@@ -37,6 +36,8 @@ def read_stored(path: Path) -> Stored:
 
 
 def _read(path: Path) -> Stored:
+    import OpenImageIO as oiio
+
     config = oiio.ImageSpec()
     # OpenImageIO 3.2 turns only some .pfm files over, by their size: it shall leave them alone.
     config.attribute("pnm:pfmflip", 0)

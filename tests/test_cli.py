@@ -310,7 +310,7 @@ def _run(*arguments: str, **environment: str) -> subprocess.CompletedProcess:
         # Each worker process of a sweep waits for these as well.
         (
             "import jaxvis.sweep.work",
-            "trimesh networkx pandas matplotlib scipy.sparse scipy.spatial scipy.fft",
+            "OpenImageIO trimesh networkx pandas matplotlib scipy.sparse scipy.spatial scipy.fft",
         ),
     ],
 )

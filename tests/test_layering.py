@@ -12,7 +12,9 @@ LAYERS = [
     "errors",
     "chunks",
     "compiled",
+    "importing",
     "cores",
+    "workers",
     "cluster",
     "devices",
     "npz",
@@ -29,10 +31,10 @@ LAYERS = [
     "methods",
     "compare",
     "sweep",
+    "preloaded",
     "report",
     "view",
     "cli",
-    "__main__",
 ]
 METHOD_PACKAGES = {"monte_carlo", "vectorized", "distance_field", "visibility_field", "cones"}
 FILES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))

@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import Array, Float, Float32
 
 from jaxvis.cache import whole_file
@@ -27,6 +26,8 @@ def write_image(
         ValueError: another suffix, or channels that the format cannot hold.
         OSError: the file cannot be written.
     """
+    import OpenImageIO as oiio
+
     path = Path(path)
     suffix = _known_suffix(path)
     values = np.ascontiguousarray(pixels, np.float32)

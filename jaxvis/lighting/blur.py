@@ -66,20 +66,32 @@ def phong_lobes(
         _check(exponent, height)
     rows, frequency = radiance.shape[0], math.sqrt(max(exponents) + 1.0)
     split = -(-math.ceil(8.0 * frequency) // rows)
-    lobes = [
-        _convolve(
+    return _convolve_with_each(
+        radiance,
+        jnp.asarray(exponents, jnp.float32),
+        split=split,
+        window=_window(rows * split, min(exponents)),
+        modes=16 + math.ceil(_HIGHEST * frequency),
+        height=height,
+    )
+
+
+@partial(jax.jit, static_argnames=("split", "window", "modes", "height"))
+def _convolve_with_each(radiance, exponents, *, split: int, window: int, modes: int, height: int):
+    def convolved(exponent):
+        image = _convolve(
             radiance,
-            jnp.float32(exponent),
+            exponent,
             split=split,
-            window=_window(rows * split, min(exponents)),
-            modes=16 + math.ceil(_HIGHEST * frequency),
+            window=window,
+            modes=modes,
             height=height,
             width=2 * height,
             averaged=False,
         )
-        for exponent in exponents
-    ]
-    return jnp.maximum(jnp.stack(lobes), 0.0)
+        return jnp.maximum(image, 0.0)
+
+    return jax.lax.map(convolved, exponents)
 
 
 def _check(exponent: float, height: int) -> None:

@@ -214,15 +214,27 @@ def _plain(key: str, value: Any) -> Any:
 
 
 def split(jobs: Sequence[Job], parts: int) -> list[list[Job]]:
-    """Jobs in parts whose sizes differ by one at most, light by light and then scene by scene.
+    """Jobs in parts whose sizes differ by one at most: method by method, light by light, and then
+    scene by scene.
 
-    Neighbours share what is in memory. Compiled programs depend on the size of a light's tables and
-    hardly on the scene: so parts should share lights no more than they must. Every other part goes
-    backwards: side by side, two workers would compile the same programs, and precompute the same
-    scenes, at the same time, and so find less of them on the disk.
+    Neighbours share what is in memory. Compiled programs depend on the method and on the size of a
+    light's tables, and hardly on the scene: so parts should share methods, and then lights, no more
+    than they must. Every other part goes backwards: side by side, two workers would compile the
+    same programs, precompute the same scenes and render the same references at the same time, and
+    so find less of them on the disk.
     """
+    names = list(dict.fromkeys(_name(job) for job in jobs))
     lights = list(dict.fromkeys(job.environment for job in jobs))
-    ordered = sorted(jobs, key=lambda job: lights.index(job.environment))  # otherwise as they are
+
+    def place(job: Job) -> tuple[int, int]:
+        return names.index(_name(job)), lights.index(job.environment)
+
+    ordered = sorted(jobs, key=place)  # otherwise as they are
     ends = [len(jobs) * part // parts for part in range(parts + 1)]
     found = [ordered[a:b] for a, b in itertools.pairwise(ends)]
     return [part[::-1] if index % 2 else part for index, part in enumerate(found)]
+
+
+def _name(job: Job) -> str:
+    """Of the method, without parameters."""
+    return job.method.partition(":")[0]

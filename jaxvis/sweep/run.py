@@ -104,6 +104,7 @@ def _distribute(
     parts = split(jobs, len(worker_threads(client)))
     own: dict[str, int] = {}
     running: dict[Future, tuple[Job, str]] = {}
+    done: list[Future] = []
     while any(parts) or running:
         alive = list(worker_threads(client))
         own = {address: part for address, part in own.items() if address in alive}
@@ -121,6 +122,8 @@ def _distribute(
                     pure=False,
                 )
                 running[future] = job, address
+        # Not before: Dask tells the scheduler at once, and what follows 10 ms later.
+        done.clear()
         with contextlib.suppress(TimeoutError):
             wait(list(running), timeout=1.0, return_when=FIRST_COMPLETED)
         done = [future for future in running if future.done()]

@@ -125,14 +125,24 @@ def test_parts_are_even_and_every_other_one_goes_backwards():
     assert [len(part) for part in split(jobs[:1], 2)] == [0, 1]
 
 
-def test_parts_share_no_light_that_they_need_not():
-    """Programs depend on the size of a light's tables."""
+def test_parts_share_no_method_and_no_light_that_they_need_not():
+    """Programs depend on the method, and on the size of a light's tables."""
     grid = Grid(
-        ("mc-mis", "vectorized"), ("teapot", "hat"), ("windows", "uniform"), rotate=(0.0, 90.0)
+        ("mc-mis:spp=1", "vectorized", "mc-mis:spp=4", "visibility-field"),
+        ("teapot", "hat"),
+        ("windows", "uniform"),
+        rotate=(0.0, 90.0),
     )
-    first, second = split(grid.jobs(), 2)
-    assert {job.environment for job in first} == {"windows"}
-    assert {job.environment for job in second} == {"uniform"}
-    assert [job.scene for job in first] == 4 * ["teapot"] + 4 * ["hat"]
-    assert [job.scene for job in second] == 4 * ["hat"] + 4 * ["teapot"]
-    assert sorted(map(repr, first + second)) == sorted(map(repr, grid.jobs()))
+    parts = split(grid.jobs(), 4)
+    assert [len(part) for part in parts] == [8, 8, 8, 8]
+    assert [{job.method for job in part} for part in parts] == [
+        {"mc-mis:spp=1", "mc-mis:spp=4"},
+        {"mc-mis:spp=1", "mc-mis:spp=4"},
+        {"vectorized"},
+        {"visibility-field"},
+    ]
+    assert {job.environment for job in parts[0]} == {"windows"}
+    assert {job.environment for job in parts[1]} == {"uniform"}
+    assert [job.scene for job in parts[0]] == 4 * ["teapot"] + 4 * ["hat"]
+    assert [job.scene for job in parts[1]] == 4 * ["hat"] + 4 * ["teapot"]
+    assert sorted(repr(job) for part in parts for job in part) == sorted(map(repr, grid.jobs()))

@@ -1,0 +1,34 @@
+"""This machine's worker processes: forked from one that has imported what they need."""
+
+import multiprocessing
+import os
+import sys
+
+START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"
+"""As Dask and multiprocessing name it. Elsewhere forks are missing, or unsafe."""
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""A worker has one core."""
+
+
+def start_importing() -> None:
+    """Starts the process that is forked, unless it runs.
+
+    Returns at once: on another core it imports while this process does. Workers have the
+    environment variables of this moment unless they are given others.
+    """
+    if START_METHOD != "forkserver":
+        return
+    from multiprocessing import forkserver
+
+    multiprocessing.get_context(START_METHOD).set_forkserver_preload(["jaxvis.preloaded"])
+    outer = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    try:
+        forkserver.ensure_running()
+    finally:
+        for name, value in outer.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
