@@ -276,7 +276,7 @@ def test_a_sample_within_a_ball_sees_it_everywhere():
 
 
 def growth(keep):
-    """Bytes that ten more frames hold, and what the distances of one have; ``keep`` hears each."""
+    """Bytes that a frame more holds, and what its distances have; ``keep`` hears each frame."""
     method = AdaptiveVisibility(resolution=16, lights=16, coarsest=8)
     light = method.light(uniform())
 
@@ -294,31 +294,34 @@ def growth(keep):
         known = tracemalloc.take_snapshot().filter_traces([others])
         return sum(trace.size for trace in known.traces)
 
-    for number in range(5):
+    cycle = range(5)  # of the animation, whose frames hold more and less
+    for number in cycle:
         frame(number)
     fields = None
     tracemalloc.start()  # before all: what replaces memory that is not traced would count as more
     try:
         # Programs are compiled for numbers of samples that were not before, until these settle.
-        for step in range(25):
-            fields = one(step % 5, fields)
-        before = held()
-        for step in range(10):
-            fields = one(step % 5, fields)
-            keep(fields)
-        after = held()
+        for number in list(cycle) * 4:
+            fields = one(number, fields)
+        after_each = [held()]
+        for _ in range(5):
+            for number in cycle:
+                fields = one(number, fields)
+                keep(fields)
+            after_each.append(held())
     finally:
         tracemalloc.stop()
-    return after - before, fields.signed_distance.nbytes
+    # The median: a cache of JAX may let go of much at once, or a late program be compiled.
+    return float(np.median(np.diff(after_each))) / len(cycle), fields.signed_distance.nbytes
 
 
 def test_frame_after_frame_keeps_no_memory():
     more, distances = growth(lambda fields: None)
-    assert more < distances
+    assert more < 0.1 * distances
     # The test of the test: what is kept shows.
     kept = []
     more, distances = growth(lambda fields: kept.append(np.array(fields.signed_distance)))
-    assert more > 9 * distances
+    assert more > 0.9 * distances
 
 
 def test_frames_keep_to_the_density_of_the_first():
