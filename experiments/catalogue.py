@@ -58,7 +58,7 @@ EXPERIMENTS = (
         "PSNR, evaluations and frame time of vectorized over the tessellation quality",
         quick=(
             *("--scene", TORUS, "--environment", "windows", *SQUARE, "--zeta", "0", "2"),
-            *("--error", "0.03", "--repeats", "1", "--vectors", "64"),
+            *("--error", "0.03", "--vectors", "64"),
         ),
         data=("duck", "stpeters"),
     ),
@@ -67,7 +67,7 @@ EXPERIMENTS = (
         "correspondence, vectorized and distance-field per fragment beside the reference",
         quick=(
             *("--scene", TORUS, "--environment", "windows", *SQUARE, "--error", "0.03"),
-            *("--repeats", "1", "--vectors", "64"),
+            *("--vectors", "64"),
         ),
         data=("duck", "stpeters"),
     ),

@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 import jaxvis
-from experiments.measuring import best_of, reference_image, white
+from experiments.measuring import WHITE, best_of, reference_image
 from experiments.output import Output
 from experiments.settings import Common, execute, setting
 from jaxvis.image import psnr
@@ -235,7 +235,7 @@ def run(settings: Settings, output: Output) -> None:
     environment = jaxvis.load_environment(settings.environment)
     for name in settings.scene:
         scene = jaxvis.load_scene(name)
-        scene = scene if settings.own_materials else white(scene)
+        scene = scene if settings.own_materials else scene.with_albedo(WHITE)
         found, seconds = built(scene, method, settings)
         cost, count = sizes(scene, found, seconds)
         costs.append(cost)

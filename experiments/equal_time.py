@@ -20,7 +20,7 @@ import numpy as np
 from experiments.contenders import Contender, Race, Rendered, curve_of, of_method, of_mitsuba, run
 from experiments.curves import Curve, Found, Frame, margin, speedup
 from experiments.equal_time_pictures import draw_curves, draw_equal_time, draw_samples
-from experiments.measuring import reference_image, white
+from experiments.measuring import WHITE, reference_image
 from experiments.mitsuba_bridge import load_mitsuba
 from experiments.output import Output, markdown
 from experiments.settings import Common, execute, setting
@@ -28,7 +28,6 @@ from jaxvis.compare import prepare
 from jaxvis.compare.setting import Setting
 from jaxvis.image import exposure_of
 from jaxvis.methods.denoised import SUFFIX
-from jaxvis.scene import load_scene
 
 RIVAL, PEER = "mc-ides", "Mitsuba"
 """Those that the best frame is chosen against: the estimator, and every name that begins so."""
@@ -63,10 +62,8 @@ def measure(
     settings: Settings, output: Output, scene: str, environment: str, mi: Any
 ) -> dict[str, list[dict[str, Any]]]:
     """The tables' rows of one scene under one light; draws its pictures."""
-    model = load_scene(scene)
-    if not settings.own_materials:
-        model = white(model)
-    stage = prepare(model, environment, settings.size)
+    albedo = None if settings.own_materials else WHITE
+    stage = prepare(scene, environment, settings.size, albedo=albedo)
     truth = reference_image(stage.scene, stage.environment, stage.surface, settings.error)
     ours, others = contenders(settings, stage, truth, mi)
     race = Race(settings.seconds, settings.repeats)
@@ -89,7 +86,7 @@ def measure(
     margins, ratios, best = compared(mine, rivals)
     stored = [{**where, "method": c.name, "build s": c.build, "MB": c.stored / 1e6} for c in ours]
     if output.folder is not None:
-        name = f"{model.name}-{stage.environment.name}"
+        name = f"{stage.scene.name}-{stage.environment.name}"
         pictures(output, name, stage, rendered, curves, (ours, others), best)
     return {
         "frames": frames,

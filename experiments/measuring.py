@@ -1,11 +1,10 @@
-"""What experiments share: white scenes, ground truth from the disk, times, memory, pictures."""
+"""What experiments share: ground truth from the disk, times, memory, pictures."""
 
 import contextlib
 import os
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -16,39 +15,21 @@ import numpy as np
 from jaxtyping import Float
 
 import jaxvis
-from experiments.output import Output
 from jaxvis.compare.result import composite
 from jaxvis.compare.setting import Setting
-from jaxvis.image import display, exposure_of, write_image
+from jaxvis.image import exposure_of, write_image
 from jaxvis.methods import Reference
-from jaxvis.reflectance import Lambert
 from jaxvis.scene import Scene, Surface
 
 Image = Float[np.ndarray, "height width 3"]
 Row = dict[str, Any]
 """Of a table: column -> value."""
 
+WHITE = 0.8
+"""Albedo of what shows the light alone."""
+
 GAP = 4
 """Pixels between the pictures of a strip."""
-
-
-def white(scene: Scene, albedo: float = 0.8) -> Scene:
-    """The scene in one diffuse grey; materials keep their sides."""
-    grey = tuple(
-        jaxvis.Material(base_colour=(albedo,) * 3, two_sided=m.two_sided) for m in scene.materials
-    )
-    return replace(scene.with_materials(grey), colours=None, reflectance=Lambert())
-
-
-def median_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Of warm calls: the first one compiles and is not counted."""
-    jax.block_until_ready(function())
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds))
 
 
 def reference_image(
@@ -110,14 +91,6 @@ def resident_megabytes() -> float:
     except OSError:
         return float("nan")
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def write_images(output: Output, folder: str, images: Mapping[str, Image], exposure: float) -> None:
-    """Each image as it is displayed, in ``folder/NAME.png`` if files are wanted."""
-    for name, image in images.items():
-        path = output.path(f"{folder}/{name.replace(' ', '-')}.png")
-        if path is not None:
-            write_image(path, display(image, exposure))
 
 
 def write_strip(path: Path, setting: Setting, images: Sequence[Image], exposed: Image) -> None:

@@ -8,21 +8,21 @@ reference's strongest shadow boundaries are.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-import jaxvis
 from experiments.crops import smooth_parts, strongest_boundaries
-from experiments.measuring import Image, best_of, reference_image, white, write_images
+from experiments.measuring import WHITE, Image
 from experiments.output import Output, Row
-from experiments.settings import Common, execute, setting
-from jaxvis.image import display, displayed_error, exposure_of, psnr
-from jaxvis.methods import create
+from experiments.settings import execute, setting
+from experiments.sweeping import Sweeping, Swept, folder_of, swept
+from jaxvis.compare import prepare
+from jaxvis.image import display, displayed_error, exposure_of
 from jaxvis.report.figures import error_map, error_scale
-from jaxvis.scene import Scene, Surface
+from jaxvis.scene import Surface
+from jaxvis.sweep import Grid
 
 METHODS = {
     "correspondence": "correspondence:shading=fragment,vectors={vectors}",
@@ -32,46 +32,42 @@ METHODS = {
 
 
 @dataclass(frozen=True)
-class Settings(Common):
+class Settings(Sweeping):
     scene: tuple[str, ...] = setting(("duck", "teapot"), "what is lit")
     environment: str = setting("stpeters", "what lights it")
     size: tuple[int, int] = setting((256, 256), "of the images", metavar=("W", "H"))
     vectors: int = setting(128, "most position vectors of a polygon")
     error: float = setting(0.01, "standard error of the reference, relative to its mean")
-    repeats: int = setting(5, "rounds of timing")
     own_materials: bool = setting(False, "instead of white diffuse")
 
 
-def render(
-    scene: Scene, environment: jaxvis.Environment, settings: Settings
-) -> tuple[list[dict[str, Any]], dict[str, Image], Surface]:
-    """A row for each method, and the images, the reference's first."""
-    camera = jaxvis.default_camera(scene, aspect=settings.size[0] / settings.size[1])
-    surface = jaxvis.trace_surface(scene, camera, settings.size)
-    covered = np.asarray(surface.coverage) > 0.0
-    images = {"reference": reference_image(scene, environment, surface, settings.error)}
-    shades, rows = {}, []
-    for name, spec in METHODS.items():
-        method = create(spec.format(vectors=settings.vectors))
-        visibility = method.precompute(scene, progress=False)
-        light = method.light(environment)
-        shades[name] = lambda m=method, v=visibility, l=light: np.asarray(m.shade(v, l, surface))
-        images[name] = shades[name]()
-        rows.append(
-            {
-                "scene": scene.name,
-                "method": name,
-                "PSNR dB": psnr(images[name], images["reference"], covered),
-                "evaluations": method.evaluations(visibility, light, surface),
-                "MB": visibility.nbytes / 1e6,
-            }
-        )
-    for row, seconds in zip(rows, best_of(settings.repeats, *shades.values()), strict=True):
-        row["frame s"] = seconds
+def grid_of(settings: Settings) -> Grid:
+    """The rows: for each scene, the methods in their order."""
+    return Grid(
+        tuple(spec.format(vectors=settings.vectors) for spec in METHODS.values()),
+        settings.scene,
+        (settings.environment,),
+        size=settings.size,
+        albedo=None if settings.own_materials else WHITE,
+        reference=f"reference:error={settings.error}",
+    )
+
+
+def table_of(found: Sequence[Row]) -> list[Row]:
+    """The rows of one scene, and how much faster than ``vectorized`` each was."""
+    rows = [
+        {
+            "scene": row["scene"],
+            "method": name,
+            "PSNR dB": row["psnr_db"],
+            "evaluations": row["evaluations"],
+            "MB": row["visibility_bytes"] / 1e6,
+            "frame s": row["frame_s"],
+        }
+        for name, row in zip(METHODS, found, strict=True)
+    ]
     usual = next(row["frame s"] for row in rows if row["method"] == "vectorized")
-    for row in rows:
-        row["vectorized's / frame s"] = usual / row["frame s"]
-    return rows, images, surface
+    return [row | {"vectorized's / frame s": usual / row["frame s"]} for row in rows]
 
 
 def figure(
@@ -106,29 +102,36 @@ def figure(
 
 
 def write(
-    output: Output, name: str, images: Mapping[str, Image], rows: Sequence[Row], surface: Surface
+    output: Output, swept: Swept, found: Sequence[Row], rows: Sequence[Row], settings: Settings
 ) -> None:
     """Writes a scene's pictures and its figure, if files are wanted."""
-    exposure = exposure_of(images["reference"], np.asarray(surface.coverage) > 0.0)
-    write_images(output, name, images, exposure)
-    path = output.path(f"{name}/per_fragment.png")
+    images = {"reference": swept.reference(found[0])}
+    for name, row in zip(METHODS, found, strict=True):
+        images[name] = swept.image(row)
+        swept.write_pictures(output, row, name)
+    scene = found[0]["scene"]
+    setting = prepare(scene, settings.environment, settings.size)
+    exposure = exposure_of(images["reference"], setting.covered)
+    path = output.path(f"{folder_of(scene)}/per_fragment.png")
     if path is not None:
-        figure(images, rows, surface, exposure).savefig(path, dpi=110, bbox_inches="tight")
+        drawing = figure(images, rows, setting.surface, exposure)
+        drawing.savefig(path, dpi=110, bbox_inches="tight")
 
 
 def run(settings: Settings, output: Output) -> None:
     """All scenes under one light."""
-    environment = jaxvis.load_environment(settings.environment)
-    every = []
-    for name in settings.scene:
-        scene = jaxvis.load_scene(name)
-        scene = scene if settings.own_materials else white(scene)
-        rows, images, surface = render(scene, environment, settings)
-        every += rows
-        write(output, scene.name, images, rows, surface)
-    size = f"{settings.size[0]} x {settings.size[1]}"
-    output.say(f"{environment.name}, {size}, {settings.vectors} vectors")
-    output.table("methods", "Per fragment", every)
+    pictured = output.folder is not None
+    every: list[Row] = []
+    with swept(grid_of(settings), settings, output, images=pictured) as done:
+        for scene in settings.scene:
+            found = [row for row in done.rows if row["scene"] == scene]
+            rows = table_of(found)
+            every += rows
+            if pictured:
+                write(output, done, found, rows, settings)
+        size = f"{settings.size[0]} x {settings.size[1]}"
+        output.say(f"{settings.environment}, {size}, {settings.vectors} vectors")
+        output.table("methods", "Per fragment", every)
 
 
 if __name__ == "__main__":

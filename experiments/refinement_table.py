@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 import jaxvis
-from experiments.measuring import Image, reference_image, white
+from experiments.measuring import WHITE, Image, reference_image
 from experiments.output import Output
 from experiments.settings import Common, execute, setting
 from jaxvis.image import display, exposure_of, psnr, write_image
@@ -119,7 +119,7 @@ def run(settings: Settings, output: Output) -> None:
     environment = jaxvis.load_environment(settings.environment)
     rows = []
     for name in settings.scene:
-        rows += rows_of(white(jaxvis.load_scene(name)), environment, settings, output)
+        rows += rows_of(jaxvis.load_scene(name).with_albedo(WHITE), environment, settings, output)
     size = f"{settings.size[0]} x {settings.size[1]}"
     output.say(f"{environment.name}, {size}, growth {settings.growth:g}")
     output.table("refinement", "Samples between the vertices, over the error target", rows)

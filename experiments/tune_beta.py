@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxvis
-from experiments.measuring import reference_image, white
+from experiments.measuring import WHITE, reference_image
 from experiments.output import Output
 from experiments.settings import Common, execute, setting
 from jaxvis.image import psnr
@@ -122,7 +122,7 @@ def run(settings: Settings, output: Output) -> None:
     """All scenes, lights, resolutions and budgets."""
     rows = []
     for name in settings.scene:
-        scene = white(jaxvis.load_scene(name))
+        scene = jaxvis.load_scene(name).with_albedo(WHITE)
         for light, height, vectors in product(
             settings.environment, settings.rows, settings.vectors
         ):

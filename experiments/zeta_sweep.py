@@ -2,70 +2,45 @@
 
 One row for every zeta and for evaluation at vertices and fragments, on the same visibility, light
 and reference. PSNR must rise with zeta and end near the fragment image's. With --out it also writes
-the pictures, the reference's among them, and a figure.
+the pictures, the reference's among them, and a figure, and a run that was killed goes on.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import jax
-import numpy as np
 from matplotlib.figure import Figure
 
-import jaxvis
-from experiments.measuring import median_seconds, reference_image, white, write_images
+from experiments.measuring import WHITE
 from experiments.output import Output, Row
-from experiments.settings import Common, execute, setting
-from jaxvis.image import exposure_of, psnr
-from jaxvis.methods.vectorized import VectorizedVisibility
-from jaxvis.scene import Scene
+from experiments.settings import execute, setting
+from experiments.sweeping import Sweeping, swept
+from jaxvis.sweep import Grid, variants
 
 
 @dataclass(frozen=True)
-class Settings(Common):
+class Settings(Sweeping):
     scene: tuple[str, ...] = setting(("duck", "teapot"), "what is lit")
     environment: str = setting("stpeters", "what lights it")
     zeta: tuple[float, ...] = setting((0.0, 1.0, 2.0, 3.0, 4.0), "tessellation qualities")
     size: tuple[int, int] = setting((512, 512), "of the images", metavar=("W", "H"))
     vectors: int = setting(128, "most position vectors of a polygon")
     error: float = setting(0.005, "standard error of the reference, relative to its mean")
-    repeats: int = setting(3, "timed calls")
     own_materials: bool = setting(False, "instead of white diffuse")
 
 
-def sweep(
-    scene: Scene, environment: jaxvis.Environment, settings: Settings, output: Output
-) -> list[dict[str, object]]:
-    """A row for each method; writes the pictures if wanted."""
-    surface = jaxvis.trace_surface(scene, jaxvis.default_camera(scene), settings.size)
-    truth = reference_image(scene, environment, surface, settings.error)
-    covered = np.asarray(surface.coverage) > 0.0
-    base = VectorizedVisibility(vectors=settings.vectors)
-    visibility, light = base.precompute(scene, progress=False), base.light(environment)
-    methods = {
-        "vertex": replace(base, shading="vertex"),
-        **{f"zeta {zeta:g}": replace(base, zeta=zeta) for zeta in settings.zeta},
-        "fragment": replace(base, shading="fragment"),
+def shadings(settings: Settings) -> dict[str, str]:
+    """The method of each row, by what the row is called."""
+
+    def method(**parameters: object) -> str:
+        (name,) = variants("vectorized", vectors=settings.vectors, **parameters)
+        return name
+
+    return {
+        "vertex": method(shading="vertex"),
+        **{f"zeta {zeta:g}": method(zeta=zeta) for zeta in settings.zeta},
+        "fragment": method(shading="fragment"),
     }
-    rows, images = [], {"reference": truth}
-    for name, method in methods.items():
-
-        def shade(method=method) -> jax.Array:
-            return method.shade(visibility, light, surface)
-
-        images[name] = np.asarray(shade())
-        rows.append(
-            {
-                "scene": scene.name,
-                "shading": name,
-                "PSNR dB": psnr(images[name], truth, covered),
-                "evaluations": method.evaluations(visibility, light, surface),
-                "frame s": median_seconds(shade, settings.repeats),
-            }
-        )
-    write_images(output, scene.name, images, exposure_of(truth, covered))
-    return rows
 
 
 def draw(path: Path, rows: Sequence[Row]) -> None:
@@ -87,15 +62,35 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
 
 def run(settings: Settings, output: Output) -> None:
     """All scenes under one light."""
-    environment = jaxvis.load_environment(settings.environment)
+    methods = shadings(settings)
+    shading_of = {method: shading for shading, method in methods.items()}
+    grid = Grid(
+        tuple(methods.values()),
+        settings.scene,
+        (settings.environment,),
+        size=settings.size,
+        albedo=None if settings.own_materials else WHITE,
+        reference=f"reference:error={settings.error}",
+    )
+    pictured = output.folder is not None
     rows = []
-    for name in settings.scene:
-        scene = jaxvis.load_scene(name)
-        scene = scene if settings.own_materials else white(scene)
-        rows += sweep(scene, environment, settings, output)
-    size = f"{settings.size[0]} x {settings.size[1]}"
-    output.say(f"{environment.name}, {size}, {settings.vectors} vectors")
-    output.table("sweep", "Over the tessellation quality", rows)
+    with swept(grid, settings, output, images=pictured) as found:
+        for row in found.rows:
+            shading = shading_of[row["method"]]
+            rows.append(
+                {
+                    "scene": row["scene"],
+                    "shading": shading,
+                    "PSNR dB": row["psnr_db"],
+                    "evaluations": row["evaluations"],
+                    "frame s": row["frame_s"],
+                }
+            )
+            if pictured:
+                found.write_pictures(output, row, shading)
+        size = f"{settings.size[0]} x {settings.size[1]}"
+        output.say(f"{settings.environment}, {size}, {settings.vectors} vectors")
+        output.table("sweep", "Over the tessellation quality", rows)
     path = output.path("zeta_sweep.png")
     if path is not None:
         draw(path, rows)

@@ -71,6 +71,7 @@ def _compare(options: argparse.Namespace) -> int:
             seed=options.seed,
             camera=camera,
             reflectance=options.reflectance,
+            albedo=options.albedo,
             supersampling=options.supersampling,
             rotate=math.radians(options.rotate),
             spheres=_lamps(options),
@@ -131,6 +132,7 @@ def _render_frames(options: argparse.Namespace) -> int:
             options.size,
             camera=_camera(options, animation.base),
             reflectance=options.reflectance,
+            albedo=options.albedo,
             supersampling=options.supersampling,
             rotate=math.radians(options.rotate),
             spheres=_lamps(options),
@@ -173,7 +175,12 @@ def _sweep(options: argparse.Namespace) -> int:
 
     grid = read_grid(options.grid)
     frame = run_grid(
-        grid, options.out, workers=options.workers, scheduler=options.scheduler, retry=options.retry
+        grid,
+        options.out,
+        workers=options.workers,
+        scheduler=options.scheduler,
+        images=options.images,
+        retry=options.retry,
     )
     shown = ["scene", "environment", "rotate", "method", "seed", "psnr_db", "frame_s"]
     print(frame[shown].to_string(index=False, na_rep="-"))
@@ -307,6 +314,7 @@ def _setting(options: argparse.Namespace, scene: "Scene", camera: "Camera | None
         options.size,
         camera=camera,
         reflectance=options.reflectance,
+        albedo=options.albedo,
         supersampling=options.supersampling,
         rotate=math.radians(options.rotate),
         spheres=_lamps(options),
@@ -389,6 +397,7 @@ def _parser() -> argparse.ArgumentParser:
     _cluster_options(
         sweep, "processes of one core each (default: as many as cores); 0: this process, all cores"
     )
+    sweep.add_argument("--images", action="store_true", help="keep those of all rows, too")
     sweep.add_argument("--retry", action="store_true", help="run rows that failed again")
     view = _command(commands, "view", _view, "orbit a scene and turn its light in the browser")
     for name, summary, default in (
@@ -443,6 +452,7 @@ def _common_options(parser: argparse.ArgumentParser) -> None:
     add("--target", "what it looks at", **vector)
     add("--fov", "vertical field of view", type=float, metavar="DEGREES")
     add("--reflectance", "lambert, phong, blinn-phong, ggx or beckmann; by default the scene's")
+    add("--albedo", "makes all materials one diffuse grey, in [0, 1]", type=float)
     add("--rotate", "turns the environment about +Y", type=float, metavar="DEGREES", default=0.0)
     lamp = {"nargs": 5, "type": float, "metavar": ("X", "Y", "Z", "RADIUS", "RADIANCE")}
     add("--lamp", "a sphere that shines (world coordinates); repeatable", action="append", **lamp)

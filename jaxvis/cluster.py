@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from jaxvis.cores import core_count
-from jaxvis.workers import ONE_THREAD, START_METHOD, start_importing
+from jaxvis.workers import ONE_THREAD, start_importing
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -24,7 +24,6 @@ LOCAL = {
     "distributed.scheduler.worker-ttl": None,
     # Without Dask's own MALLOC_TRIM_THRESHOLD_: every array would be given back and fetched anew.
     "distributed.nanny.pre-spawn-environ": ONE_THREAD,
-    "distributed.worker.multiprocessing-method": START_METHOD,
     # What Dask looks at a hundred times a second costs a worker that compiles a tenth of its core.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -187,8 +186,7 @@ def client_of(workers: int, scheduler: str | None) -> Iterator["Client"]:
         OSError: no scheduler answers, or the cluster is lost.
         ModuleNotFoundError: Dask is not installed.
     """
-    if scheduler is None:
-        start_importing()
+    start_method = start_importing() if scheduler is None else None
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -215,7 +213,7 @@ def client_of(workers: int, scheduler: str | None) -> Iterator["Client"]:
             logger.setLevel(level)
         return
     with (
-        dask.config.set(LOCAL),
+        dask.config.set({**LOCAL, "distributed.worker.multiprocessing-method": start_method}),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

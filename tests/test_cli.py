@@ -62,7 +62,8 @@ def test_bars_show_on_a_terminal(capsys, monkeypatch, tmp_path):
 
 def test_render(capsys, tmp_path):
     command = ["render", "mc-mis:spp=1", *SMALL, "--out", str(tmp_path)]
-    assert cli.main([*command, "--reflectance", "phong", "--exposure", "0.5"]) == 0
+    grey = ["--albedo", "0.5", "--reflectance", "phong"]
+    assert cli.main([*command, *grey, "--exposure", "0.5"]) == 0
     assert capsys.readouterr().out.split() == [
         str(tmp_path / "mc-mis-spp-1.exr"),
         str(tmp_path / "mc-mis-spp-1.png"),
@@ -350,5 +351,5 @@ def test_defaults_are_those_of_the_function():
     options = cli._parser().parse_args(["compare"])
     for name in ("scene", "environment", "size", "reference", "seed", "spp", "supersampling"):
         assert getattr(options, name) == parameters[name].default, name
-    for name in ("methods", "camera", "reflectance", "exposure", "two_sided", "rotate"):
+    for name in ("methods", "camera", "reflectance", "albedo", "exposure", "two_sided", "rotate"):
         assert getattr(options, name) == parameters[name].default, name

@@ -43,6 +43,20 @@ def test_workers_find_imported_what_they_need_and_the_variables_of_now(tmp_path,
         assert list(found.values()) == [expected, expected]
 
 
+def unoptimised():
+    import jax
+
+    return jax.config.values["jax_disable_most_optimizations"]
+
+
+@pytest.mark.parametrize("now", ["false", "true"])
+def test_workers_heed_settings_of_jax_that_have_changed(now, monkeypatch):
+    workers.start_importing()
+    monkeypatch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", now)
+    with client_of(1, None) as client:
+        assert list(client.run(unoptimised).values()) == [now == "true"]
+
+
 @FORKED
 def test_starting_early_leaves_the_variables_alone(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)

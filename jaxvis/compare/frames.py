@@ -53,6 +53,7 @@ def render_frames(
     *,
     camera: Camera | None = None,
     reflectance: Reflectance | str | None = None,
+    albedo: float | None = None,
     supersampling: int = 1,
     rotate: float = 0.0,
     spheres: SphereLights | None = None,
@@ -72,7 +73,7 @@ def render_frames(
         frames: their numbers, evenly spaced.
         folder: where the files go; it exists.
         stem: of the files' names.
-        environment, size, camera, reflectance, supersampling, rotate, spheres: as for
+        environment, size, camera, reflectance, albedo, supersampling, rotate, spheres: as for
             :func:`jaxvis.compare.prepare`. The camera and the lights stand still.
         seed: of what is random.
         exposure: of all frames; by default that of the first frame alone.
@@ -98,6 +99,7 @@ def render_frames(
     options: dict[str, Any] = {
         "camera": camera,
         "reflectance": reflectance,
+        "albedo": albedo,
         "supersampling": supersampling,
         "spheres": spheres,
     }

@@ -70,6 +70,7 @@ def compare(
     out: str | os.PathLike | None = None,
     camera: Camera | None = None,
     reflectance: Reflectance | str | None = None,
+    albedo: float | None = None,
     supersampling: int = 1,
     rotate: float = 0.0,
     two_sided: bool | None = None,
@@ -92,6 +93,7 @@ def compare(
             written by :func:`jaxvis.report.write_report`.
         camera: by default the scene's own, or one that frames it.
         reflectance: replaces the scene's model.
+        albedo: replaces all materials by one diffuse grey.
         supersampling: camera rays per pixel along each axis.
         rotate: radians by which the environment turns about +Y.
         two_sided: overrides what the mesh file says of its materials.
@@ -121,6 +123,7 @@ def compare(
             size,
             camera=camera,
             reflectance=reflectance,
+            albedo=albedo,
             supersampling=supersampling,
             rotate=rotate,
             two_sided=two_sided,

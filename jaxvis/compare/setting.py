@@ -116,6 +116,7 @@ def prepare(
     *,
     camera: Camera | None = None,
     reflectance: Reflectance | str | None = None,
+    albedo: float | None = None,
     supersampling: int = 1,
     rotate: float = 0.0,
     two_sided: bool | None = None,
@@ -128,6 +129,7 @@ def prepare(
         size: width and height of the image, in pixels.
         camera: by default the scene's own, or one that frames it.
         reflectance: replaces the scene's model.
+        albedo: replaces all materials by one diffuse grey.
         supersampling: camera rays per pixel along each axis.
         rotate: radians by which the environment turns about +Y.
         two_sided: overrides what the mesh file says of its materials.
@@ -147,6 +149,8 @@ def prepare(
     elif two_sided is not None:
         materials = tuple(replace(m, two_sided=two_sided) for m in scene.materials)
         scene = scene.with_materials(materials)
+    if albedo is not None:
+        scene = scene.with_albedo(albedo)
     if reflectance is not None:
         scene = scene.with_reflectance(reflectance)
     if not isinstance(environment, Environment):

@@ -3,7 +3,7 @@
 from jaxvis.reflectance.cook_torrance import CookTorrance
 from jaxvis.reflectance.gaussians import cosine_lobe, specular_lobe
 from jaxvis.reflectance.lambert import Lambert
-from jaxvis.reflectance.material import Material, evaluate_materials
+from jaxvis.reflectance.material import Material, checked_albedo, evaluate_materials
 from jaxvis.reflectance.mixed import Mixed
 from jaxvis.reflectance.model import Reflectance
 from jaxvis.reflectance.names import reflectance_by_name
@@ -21,6 +21,7 @@ __all__ = [
     "Phong",
     "Reflectance",
     "Texture",
+    "checked_albedo",
     "cosine_lobe",
     "evaluate_materials",
     "reflectance_by_name",

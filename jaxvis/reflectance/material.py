@@ -11,6 +11,13 @@ from jaxvis.reflectance.texture import Texture
 from jaxvis.reflectance.values import MaterialValues
 
 
+def checked_albedo(albedo: float | int) -> float:
+    """The share of light that a surface reflects, in [0, 1]."""
+    if not 0.0 <= albedo <= 1.0:
+        raise ValueError(f"albedo must lie in [0, 1], got {albedo}")
+    return float(albedo)
+
+
 @dataclass(frozen=True)
 class Material:
     """Base colour, specular colour and roughness, each a constant times an optional texture.

@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32, Float64, Int32
 
 from jaxvis.cache import content_hash
 from jaxvis.errors import InvalidScene
-from jaxvis.reflectance import Lambert, Material, Reflectance
+from jaxvis.reflectance import Lambert, Material, Reflectance, checked_albedo
 from jaxvis.scene.camera import Camera
 from jaxvis.scene.normals import area_vectors
 from jaxvis.scene.rays import RayTracer
@@ -52,6 +52,20 @@ class Scene:
         if len(materials) != len(self.materials):
             raise ValueError(f"needs {len(self.materials)} materials, got {len(materials)}")
         return self._with(materials=materials)
+
+    def with_albedo(self, albedo: float | int) -> "Scene":
+        """The same scene, all of it one diffuse grey; materials keep their sides.
+
+        Args:
+            albedo: the share of light that is reflected, in [0, 1].
+        """
+        grey = tuple(
+            Material((checked_albedo(albedo),) * 3, two_sided=m.two_sided) for m in self.materials
+        )
+        note = f"all materials are one diffuse grey of albedo {albedo:g}"
+        return self._with(
+            materials=grey, colours=None, reflectance=Lambert(), notes=(*self.notes, note)
+        )
 
     def with_camera(self, camera: Camera | None) -> "Scene":
         """The same scene with another view of its own."""

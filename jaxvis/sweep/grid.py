@@ -21,7 +21,7 @@ from jaxvis.compare.setting import (
     checked_count,
     checked_size,
 )
-from jaxvis.reflectance import reflectance_by_name
+from jaxvis.reflectance import checked_albedo, reflectance_by_name
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Job:
     seed: int
     supersampling: int
     reflectance: str | None
+    albedo: float | None
     reference: str
 
     @cached_property
@@ -65,6 +66,7 @@ class Grid:
         seed: of everything random.
         supersampling: camera rays per pixel along each axis.
         reflectance: replaces the scenes' models.
+        albedo: replaces all materials by one diffuse grey.
         reference: the method that all are measured against.
 
     Raises:
@@ -79,6 +81,7 @@ class Grid:
     seed: tuple[int, ...] = (0,)
     supersampling: int = 1
     reflectance: str | None = None
+    albedo: float | int | None = None
     reference: str = DEFAULT_REFERENCE
 
     def __post_init__(self) -> None:
@@ -102,13 +105,15 @@ class Grid:
         checked_count(self.supersampling, "supersampling")
         if self.reflectance is not None:
             reflectance_by_name(self.reflectance)
+        if self.albedo is not None:
+            object.__setattr__(self, "albedo", checked_albedo(self.albedo))
 
     def jobs(self) -> tuple[Job, ...]:
         """The rows in order: scenes, lights, then methods, then seeds."""
         return tuple(
             Job(
                 *(scene, environment, rotate, self.size, method, seed),
-                *(self.supersampling, self.reflectance, self.reference),
+                *(self.supersampling, self.reflectance, self.albedo, self.reference),
             )
             for scene, environment, rotate, method, seed in itertools.product(
                 self.scene, self.environment, self.rotate, self.methods, self.seed
@@ -167,10 +172,12 @@ def read_grid(path: str | os.PathLike) -> Grid:
         if "methods" not in found:
             raise ValueError("it names no methods")
         found["methods"] = _methods(found["methods"])
-        for name in ("scene", "environment", "rotate", "seed"):
+        for name in _LISTS:
             if name in found:
                 found[name] = tuple(_listed(found[name]))
         for name, kinds in _KINDS.items():
+            if isinstance(found.get(name), list) and name != "size":  # others are tuples
+                raise ValueError(f"{name} is one value of all rows, got {found[name]}")
             for value in _listed(found.get(name, ())):
                 if isinstance(value, bool) or not isinstance(value, kinds):
                     raise ValueError(f"{name}: {value!r} is not {_NAMED[kinds]}")
@@ -184,7 +191,9 @@ def read_grid(path: str | os.PathLike) -> Grid:
 
 
 _KINDS: dict[str, Any] = dict.fromkeys(("scene", "environment", "reflectance", "reference"), str)
-_KINDS |= {"rotate": (int, float), "seed": int, "size": int, "supersampling": int}
+_KINDS |= dict.fromkeys(("rotate", "albedo"), (int, float))
+_KINDS |= dict.fromkeys(("seed", "size", "supersampling"), int)
+_LISTS = ("scene", "environment", "rotate", "seed")
 _NAMED = {str: "a text", int: "an integer", (int, float): "a number"}
 
 

@@ -4,15 +4,16 @@ import contextlib
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
 from jaxvis.cluster import client_of, worker_threads
 from jaxvis.cores import core_count
 from jaxvis.sweep.grid import Grid, Job, split
-from jaxvis.sweep.store import Store, frame_of
-from jaxvis.sweep.work import run_job
+from jaxvis.sweep.images import has_image, name_of, save_image
+from jaxvis.sweep.store import IMAGES, Store, frame_of
+from jaxvis.sweep.work import Done, run_job
 
 if TYPE_CHECKING:
     import pandas
@@ -25,6 +26,7 @@ def run_grid(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    images: bool = False,
     retry: bool = False,
     progress: bool = True,
 ) -> "pandas.DataFrame":
@@ -41,6 +43,10 @@ def run_grid(
             0 works in this process, with all its cores and without Dask.
         scheduler: address of a Dask scheduler (``tcp://host:8786``), whose workers do the work, one
             row at a time each, with the threads that they may use. They must find the same files.
+        images: also keep the image of every row and every reference, in the folder ``images``:
+            radiance as .exr, and as .png what a display shows at the exposure of the reference. The
+            columns ``image`` and ``reference_image`` name the .exr. Rows that were measured without
+            are measured again.
         retry: run rows again that failed.
         progress: show how far it is, and the time left, if standard error is a terminal.
 
@@ -59,35 +65,57 @@ def run_grid(
     jobs = grid.jobs()
     quiet = None if progress else True  # None is tqdm's word for: unless it is a terminal
     with Store(out) as store:
-        left = [job for job in jobs if _is_left(store.rows.get(job.key), retry)]
+        left = [job for job in jobs if _is_left(job, store, images, retry)]
         try:
             with tqdm(
                 total=len(jobs), initial=len(jobs) - len(left), unit="row", disable=quiet
             ) as bar:
 
-                def finished(job: Job, row: dict[str, Any]) -> None:
-                    store.append(job, row)
+                def wanted(job: Job) -> tuple[Job, ...]:
+                    return _without_image(job, store) if images else ()
+
+                def finished(job: Job, done: Done) -> None:
+                    for whose, image in done.images.items():
+                        save_image(store.folder, whose, image)
+                    store.append(job, done.row | _names(job, store))
                     bar.update()
 
                 if left and workers == 0:
                     for job in left:
-                        finished(job, run_job(job))
+                        finished(job, run_job(job, pictures=wanted(job)))
                 elif left:
                     with client_of(min(workers or core_count(), len(left)), scheduler) as client:
-                        _distribute(client, left, finished, bound=scheduler is None)
+                        _distribute(client, left, wanted, finished, bound=scheduler is None)
         finally:
             store.write_tables(jobs)
         return frame_of(store, jobs)
 
 
-def _is_left(row: dict[str, Any] | None, retry: bool) -> bool:
-    return row is None or (retry and row.get("error") is not None)
+def _is_left(job: Job, store: Store, images: bool, retry: bool) -> bool:
+    row = store.rows.get(job.key)
+    if row is None:
+        return True
+    if row.get("error") is not None:
+        return retry
+    return images and bool(_without_image(job, store))
+
+
+def _without_image(job: Job, store: Store) -> tuple[Job, ...]:
+    """Of the job and its view, whose image there is not."""
+    return tuple(whose for whose in (job, job.view) if not has_image(store.folder, whose))
+
+
+def _names(job: Job, store: Store) -> dict[str, str]:
+    """The columns that name the files which there are."""
+    pairs = zip(IMAGES, (job, job.view), strict=True)
+    return {name: name_of(whose) for name, whose in pairs if has_image(store.folder, whose)}
 
 
 def _distribute(
     client: "Client",
     jobs: Sequence[Job],
-    finished: Callable[[Job, dict[str, Any]], None],
+    wanted: Callable[[Job], tuple[Job, ...]],
+    finished: Callable[[Job, Done], None],
     *,
     bound: bool,
 ) -> None:
@@ -97,6 +125,8 @@ def _distribute(
     longest one left. A job whose worker dies goes to another.
 
     Args:
+        wanted: whose images a job is to give.
+        finished: hears of every job that is done.
         bound: keep each worker to a core of its own.
     """
     from distributed import KilledWorker, wait
@@ -117,6 +147,7 @@ def _distribute(
                     run_job,
                     job,
                     own[address] if bound else None,
+                    wanted(job),
                     workers=[address],
                     allow_other_workers=True,
                     pure=False,
@@ -131,10 +162,10 @@ def _distribute(
         for future in sorted(done, key=lambda future: future.status != "finished"):
             job, _ = running.pop(future)
             try:
-                row = future.result()
+                result = future.result()
             except KilledWorker:
-                row = {"error": "the worker died, again and again: out of memory?"}
-            finished(job, row)
+                result = Done({"error": "the worker died, again and again: out of memory?"}, {})
+            finished(job, result)
 
 
 def _next_job(parts: list[list[Job]], own: int) -> Job | None:

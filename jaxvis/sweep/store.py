@@ -17,6 +17,9 @@ VALUES = ("psnr_db", "rmse", "relative_rmse", "relmse", "flip", "visibility_byte
 VALUES += ("evaluations", "reference_error", "error")
 """Columns of the table: the same whichever way a sweep ran."""
 
+IMAGES = ("image", "reference_image")
+"""Further ones: files below the folder, where there are any."""
+
 TIMING = ("precompute_s", "light_s", "compile_s", "frame_s", "frames_timed", "total_s", "machine")
 """Columns of the times, and what they were taken on."""
 
@@ -85,7 +88,7 @@ class Store:
     def write_tables(self, jobs: Sequence[Job]) -> None:
         """The finished rows of these jobs, in their order, as CSV: values, and times apart."""
         done = [(job, self.rows[job.key]) for job in jobs if job.key in self.rows]
-        for name, columns in ((TABLE, VALUES), (TIMES, TIMING)):
+        for name, columns in ((TABLE, (*VALUES, *IMAGES)), (TIMES, TIMING)):
             with whole_file(self.folder / name) as temporary:
                 temporary.write_text(_csv(done, columns))
 
@@ -115,4 +118,4 @@ def frame_of(store: Store, jobs: Sequence[Job]) -> Any:
         for job in jobs
         if job.key in store.rows
     ]
-    return pandas.DataFrame(rows, columns=pandas.Index([*SETTINGS, *VALUES, *TIMING]))
+    return pandas.DataFrame(rows, columns=pandas.Index([*SETTINGS, *VALUES, *IMAGES, *TIMING]))

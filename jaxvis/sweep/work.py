@@ -5,28 +5,39 @@ import math
 import os
 import platform
 import time
+from collections.abc import Collection
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 from jaxvis import methods
 from jaxvis.compare.compilation import use_compilation_cache
-from jaxvis.compare.measurement import Prepared, Yardstick, prepared
+from jaxvis.compare.measurement import Pixels, Prepared, Yardstick, prepared
+from jaxvis.compare.result import composite
 from jaxvis.compare.run import method_row, render_reference
 from jaxvis.compare.setting import Setting, prepare
 from jaxvis.image import exposure_of
 from jaxvis.sweep.grid import Job
+from jaxvis.sweep.images import Image
 from jaxvis.sweep.store import TIMING, VALUES
 
 KEPT = 2
 """Scenes under their lights, with references, that a worker keeps in memory."""
 
 
-def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
+class Done(NamedTuple):
+    """A row of a sweep, and the images that were asked for, by whose they are."""
+
+    row: dict[str, Any]
+    images: dict[Job, Image]
+
+
+def run_job(job: Job, core: int | None = None, pictures: Collection[Job] = ()) -> Done:
     """The row of a job.
 
     Args:
         core: which of the cores that this process may use it keeps to from now on; by default it
             uses all. Heard once, before anything is computed.
+        pictures: whose images are wanted: the job's, and that of its view, which is the reference.
 
     Raises:
         ValueError, FileNotFoundError, OSError: the scene, the light or the reference cannot be
@@ -43,7 +54,7 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
     with contextlib.suppress(Exception):  # the row meets it again, and has a place for it
         _prepared(job.method, method, job.view, setting)
     truth = _truth(job.view)
-    row, _ = method_row(
+    row, image = method_row(
         job.method,
         method,
         setting,
@@ -55,7 +66,15 @@ def run_job(job: Job, core: int | None = None) -> dict[str, Any]:
     )
     row |= {"reference_error": truth.error, "machine": platform.node()}
     row["total_s"] = time.perf_counter() - started
-    return {name: row.get(name) for name in (*VALUES, *TIMING)}
+    images = {}
+    for whose, radiance in ((job, image), (job.view, truth.yardstick.reference)):
+        if whose in pictures and radiance is not None:
+            images[whose] = Image(radiance, _shown(radiance, setting, truth.yardstick.exposure))
+    return Done({name: row.get(name) for name in (*VALUES, *TIMING)}, images)
+
+
+def _shown(radiance: Pixels, setting: Setting, exposure: float) -> Pixels:
+    return composite(radiance, setting.coverage, setting.background, exposure)
 
 
 @lru_cache(maxsize=KEPT)
@@ -68,6 +87,7 @@ def _setting(job: Job) -> Setting:
         rotate=math.radians(job.rotate),
         supersampling=job.supersampling,
         reflectance=job.reflectance,
+        albedo=job.albedo,
     )
 
 

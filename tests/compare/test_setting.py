@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxvis.compare import prepare, read_camera
+from jaxvis.reflectance import reflectance_by_name
 from jaxvis.scene import Camera
 
 SIZE = (20, 14)
@@ -32,6 +33,14 @@ def test_rotation_turns_light_and_background(scene, sky):
     assert not np.array_equal(plain.background, turned.background)
     flipped = turned.environment.rotate(np.pi)
     assert np.allclose(flipped.radiance, sky.radiance, atol=1e-5)
+
+
+def test_the_model_replaces_that_of_the_grey(scene, sky):
+    grey = prepare(scene, sky, SIZE, albedo=0.5)
+    np.testing.assert_allclose(grey.surface.material.base_colour[grey.surface.mask], 0.5)
+    assert grey.surface.reflectance == reflectance_by_name("lambert")
+    shiny = prepare(scene, sky, SIZE, albedo=0.5, reflectance="phong")
+    assert shiny.surface.reflectance == reflectance_by_name("phong")
 
 
 def test_backs_of_one_sided_faces_are_counted(scene, sky):

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from jaxvis.errors import InvalidScene, JaxvisWarning
-from jaxvis.reflectance import Lambert, Material, Texture
+from jaxvis.reflectance import Lambert, Material, Phong, Texture
 from jaxvis.scene import build_scene
 
 QUAD = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -196,6 +196,24 @@ def test_changed_copies_share_the_tracer():
     assert other.geometry_hash == scene.geometry_hash
     with pytest.raises(ValueError, match="needs 1 materials, got 2"):
         scene.with_materials((Material(), Material()))
+
+
+def test_one_grey_for_all_materials():
+    colours = np.random.default_rng(0).random((len(FACES), 3, 3), np.float32)
+    materials = [Material((1, 0, 0), two_sided=True)]
+    scene = build_scene(
+        QUAD, FACES, materials=materials, colours=colours, reflectance=Phong(), name="quad"
+    )
+    grey = scene.with_albedo(0.5)
+    assert grey.materials == (Material((0.5, 0.5, 0.5), two_sided=True),)
+    assert grey.colours is None
+    assert grey.reflectance == Lambert()
+    assert grey.notes == (*scene.notes, "all materials are one diffuse grey of albedo 0.5")
+    assert grey.geometry_hash == scene.geometry_hash
+    assert scene.materials == tuple(materials)
+    for wrong in (-0.1, 1.5, float("nan")):
+        with pytest.raises(ValueError, match=r"albedo must lie in \[0, 1\], got"):
+            scene.with_albedo(wrong)
 
 
 def test_geometry_hash_tells_scenes_apart():

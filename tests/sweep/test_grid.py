@@ -11,6 +11,7 @@ environment = "uniform"
 size = [16, 12]
 seed = [0, 1]
 rotate = [0, 90]
+albedo = 1
 
 [[methods]]
 name = "vectorized"
@@ -55,6 +56,7 @@ def test_a_file_is_the_grid_that_it_describes(tmp_path):
         rotate=(0.0, 90.0),
         size=(16, 12),
         seed=(0, 1),
+        albedo=1.0,
     )
     jobs = grid.jobs()
     assert len(jobs) == 2 * 1 * 2 * 3 * 2
@@ -91,6 +93,11 @@ def test_a_list_of_names_will_do(tmp_path):
         ('methods = "mc-mis"\nrotate = nan', "rotate must be finite"),
         ('methods = "mc-mis"\nrotate = "left"', "rotate: 'left' is not a number"),
         ('methods = "mc-mis"\nreflectance = "shiny"', "shiny"),
+        ('methods = "mc-mis"\nreflectance = ["ggx"]', "reflectance is one value of all rows"),
+        ('methods = "mc-mis"\nalbedo = [0.5, 0.8]', "albedo is one value of all rows"),
+        ('methods = "mc-mis"\nalbedo = 1.5', "albedo must lie in [0, 1], got 1.5"),
+        ('methods = "mc-mis"\nalbedo = nan', "albedo must lie in [0, 1]"),
+        ('methods = "mc-mis"\nalbedo = "grey"', "albedo: 'grey' is not a number"),
         ('methods = "mc-mis"\nreference = "truth"', "truth"),
         ("methods = 3", "methods: 3 is neither a name nor a table with a name"),
         ("[[methods]]\nspp = 3", "neither a name nor a table"),
