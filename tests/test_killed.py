@@ -55,7 +55,32 @@ def assert_report_is_whole(out):
         assert {row["image"] for row in results["results"]} <= found
 
 
+GRID = """
+scene = "box-on-plane"
+environment = ["uniform", "windows"]
+size = [16, 12]
+seed = [0, 1]
+methods = ["mc-mis:spp=1", "mc-brdf:spp=1"]
+reference = "reference"
+"""
+ROWS = 8
+
+
+def assert_sweep_is_whole(out):
+    """Every row that is there is so once, with its images; the tables come last, with all."""
+    log = out / "rows.jsonl"
+    content = log.read_bytes() if log.exists() else b""
+    rows = [json.loads(line) for line in content[: content.rfind(b"\n") + 1].splitlines()]
+    assert len({row["key"] for row in rows}) == len(rows)
+    for row in rows:
+        for name in (row["image"], row["reference_image"]):
+            assert np.isfinite(read_image(out / name)).all()
+    for name in names(out) & {"table.csv", "times.csv"}:
+        assert len((out / name).read_text().splitlines()) == 1 + ROWS == 1 + len(rows)
+
+
 COMMANDS = {
+    "sweep": (["sweep", "GRID", "--images"], assert_sweep_is_whole),
     "precompute": (["precompute", METHOD, "--scene", "box-on-plane"], assert_visibility_is_whole),
     "compare": (
         ["compare", *SMALL, "--methods", f"{METHOD},mc-mis:spp=1", "--reference", "reference"],
@@ -67,6 +92,9 @@ COMMANDS = {
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_kill_leaves_nothing_half_written(name, tmp_path):
     arguments, assert_whole = COMMANDS[name]
+    grid = tmp_path / "grid.toml"
+    grid.write_text(GRID)
+    arguments = [str(grid) if each == "GRID" else each for each in arguments]
     cache, out = tmp_path / "cache", tmp_path / "out"
     start = time.monotonic()
     process = started(arguments, cache, out)
