@@ -102,19 +102,19 @@ def figure(
 
 
 def write(
-    output: Output, swept: Swept, found: Sequence[Row], rows: Sequence[Row], settings: Settings
+    output: Output, done: Swept, found: Sequence[Row], rows: Sequence[Row], settings: Settings
 ) -> None:
     """Writes a scene's pictures and its figure, if files are wanted."""
-    images = {"reference": swept.reference(found[0])}
+    images = {"reference": done.reference(found[0])}
     for name, row in zip(METHODS, found, strict=True):
-        images[name] = swept.image(row)
-        swept.write_pictures(output, row, name)
+        images[name] = done.image(row)
+        done.write_pictures(output, row, name)
     scene = found[0]["scene"]
-    setting = prepare(scene, settings.environment, settings.size)
-    exposure = exposure_of(images["reference"], setting.covered)
+    stage = prepare(scene, settings.environment, settings.size)
+    exposure = exposure_of(images["reference"], stage.covered)
     path = output.path(f"{folder_of(scene)}/per_fragment.png")
     if path is not None:
-        drawing = figure(images, rows, setting.surface, exposure)
+        drawing = figure(images, rows, stage.surface, exposure)
         drawing.savefig(path, dpi=110, bbox_inches="tight")
 
 
