@@ -135,7 +135,8 @@ def _read(path: Path, resolver: _Resolver) -> trimesh.Scene:
             f"{path}: {path.suffix or 'a file without suffix'} is not a mesh format that can be "
             f"read; use .glb, .gltf, .obj, .ply, .stl or .off"
         )
-    with _damage(path):
+    # trimesh checks an STL's normals against vertices that build_scene is to refuse.
+    with _damage(path), np.errstate(over="ignore", invalid="ignore"):
         # Unprocessed: trimesh's own clean-up drops NaN vertices and merges without saying so.
         return trimesh.load_scene(str(path), resolver=resolver, process=False)
 

@@ -475,3 +475,17 @@ def test_sponza():
     assert surface.backs.mean() < 0.01
     roughness = np.asarray(surface.material.roughness)[np.asarray(surface.mask)]
     assert roughness.std() > 0.02  # it varies over the surfaces
+
+
+@pytest.mark.parametrize("coordinate", ["nan", "inf", "-11e999", "1e200"])
+@pytest.mark.parametrize("normal", ["0 1 0", "0 0 0", "nan 0 inf"])
+def test_stl_out_of_range_is_one_line(normal, coordinate, tmp_path, recwarn):
+    """trimesh compares an STL's normals with its vertices' as it reads, with NumPy's warnings."""
+    path = tmp_path / "mesh.stl"
+    path.write_text(
+        f"solid s\nfacet normal {normal}\nouter loop\nvertex 0 0 0\nvertex 0 0 1\n"
+        f"vertex {coordinate} 0 0\nendloop\nendfacet\nendsolid s\n"
+    )
+    with pytest.raises(InvalidScene, match=r"mesh\.stl: .*(NaN or infinite|larger than float32)"):
+        load_scene(path)
+    assert not [str(warning.message) for warning in recwarn]
